@@ -1,0 +1,68 @@
+"""The camera's field of view: where it sits on the robot and how wide it sees."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from clfcbf.errors import ConfigurationError, GeometryError
+from clfcbf.se2 import Point, Pose2, is_finite, wrap_angle
+
+__all__ = ["FieldOfView"]
+
+_AHEAD = Pose2(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class FieldOfView:
+    r"""A camera that sees between two edges, ``half_angle`` to either side of its axis.
+
+    Attributes
+    ----------
+    half_angle : half of the horizontal field of view :math:`\Phi` [rad], in (0, pi/2);
+        the paper's :math:`\varphi_{fov}`, 35° for a camera of 70°
+    camera : pose of the camera in the robot frame [m, m, rad]
+    width : extent of the feature to be kept in view [m]; 0 keeps its centre
+
+    Raises
+    ------
+    ConfigurationError : the half angle is outside (0, pi/2), which also catches degrees; the
+        camera pose is not finite; the width is negative
+    """
+
+    half_angle: float
+    camera: Pose2 = _AHEAD
+    width: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.half_angle < 0.5 * math.pi:
+            raise ConfigurationError(
+                "half_angle must be in (0, pi/2) rad, half of the horizontal field of view, "
+                f"got {self.half_angle!r}; for degrees use math.radians(...)"
+            )
+        if not is_finite(tuple(self.camera)):
+            raise ConfigurationError(f"camera pose must be finite, got {self.camera!r}")
+        if not (math.isfinite(self.width) and self.width >= 0.0):
+            raise ConfigurationError(f"width must be finite and at least 0 m, got {self.width!r}")
+
+    def bearing(self, point: Point) -> float:
+        """Angle of ``point`` (robot frame) off the camera's axis, in (-pi, pi] [rad].
+
+        Degenerate at the camera's own centre, where atan2 gives 0.
+        """
+        x, y, yaw = self.camera
+        return wrap_angle(math.atan2(point[1] - y, point[0] - x) - yaw)
+
+    def margin(self, point: Point) -> float:
+        """Angle from ``point`` to the nearer edge [rad]; negative outside the view."""
+        return self.half_angle - abs(self.bearing(point))
+
+    def check_ahead(self, point: Point) -> None:
+        """Raise ``GeometryError`` unless ``point`` is finite and in front of the camera."""
+        if not is_finite((point[0], point[1])):
+            raise GeometryError(f"feature must be finite, got ({point[0]!r}, {point[1]!r})")
+        if abs(self.bearing(point)) >= 0.5 * math.pi:
+            raise GeometryError(
+                f"feature ({point[0]:.3f}, {point[1]:.3f}) m is behind the camera at "
+                f"({self.camera.x:.3f}, {self.camera.y:.3f}) m; check its frame (x forward, y left)"
+            )
