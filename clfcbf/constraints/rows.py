@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from clfcbf.se2 import Twist
+
 __all__ = ["Priority", "Row", "Rows"]
 
 Row = tuple[float, float, float]
@@ -37,6 +39,15 @@ class Rows(NamedTuple):
     coefficients: tuple[Row, ...]
     priority: int
     values: tuple[float, ...]
+
+    def attainable(self, witness: Twist) -> Rows:
+        """These rows, none tighter than what the command ``witness`` meets."""
+        v, omega = witness
+        return self._replace(
+            coefficients=tuple(
+                (a, c, max(b, a * v + c * omega)) for a, c, b in self.coefficients
+            )
+        )
 
     @property
     def A(self) -> NDArray[np.float64]:

@@ -1,0 +1,37 @@
+"""What a barrier is to the safety filter: rows for the program, a clearance for the judge."""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+from clfcbf.constraints.rows import Rows
+from clfcbf.scene import Scene
+
+__all__ = ["Barrier"]
+
+
+@runtime_checkable
+class Barrier(Protocol):
+    r"""A safe set :math:`\{h_i \ge 0\}` of scenes and the commands that keep it.
+
+    The two methods are two views of one set. ``rows`` speaks to the quadratic program: the
+    half-planes :math:`\dot h_i(u) \ge -\lambda h_i` [Ames2019]_. ``clearance`` speaks to the
+    guard, which asks for it along predicted arcs, where no derivative is needed.
+
+    An implementation holds its own configuration (and whatever it must know beside the scene,
+    such as obstacles) and no state: the same scene gives the same rows. Both methods raise
+    ``GeometryError`` where the scene is not finite or the barrier is undefined.
+    """
+
+    @property
+    def name(self) -> str:
+        """Prefix of the names of its rows, unique among the barriers of one filter."""
+
+    def rows(self, scene: Scene) -> Rows:
+        """The half-planes of admissible commands at ``scene``, priority ``SAFETY``."""
+
+    def clearance(self, scene: Scene) -> float:
+        """Smallest distance to the edge of the safe set, in the barrier's natural unit.
+
+        At least 0 exactly where the scene is safe; [rad] for an angle, [m] for a distance.
+        """

@@ -1,0 +1,217 @@
+r"""Half-planes that keep a seen point in the camera's view, and the field-of-view barrier.
+
+Each edge of the view is a half-plane of the robot frame, and its barrier function the signed
+distance from it: linear in the point, smooth everywhere, of one gain everywhere. An edge is
+three numbers, so a view with unequal edges, or one that a part of the robot cuts, is two
+other ``Edge``. The same set in terms of bearings is in ``clfcbf.constraints.bearing``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from clfcbf.camera import FieldOfView
+from clfcbf.constraints.bearing import bearing_rows, paper_row
+from clfcbf.constraints.checks import check_finite, check_positive, shrunk_half_angle
+from clfcbf.constraints.rows import Priority, Row, Rows
+from clfcbf.errors import GeometryError
+from clfcbf.scene import Scene
+from clfcbf.se2 import Point, Pose2
+
+__all__ = [
+    "Edge",
+    "FieldOfViewBarrier",
+    "bearing_rows",
+    "camera_edges",
+    "edge_rows",
+    "half_plane_rows",
+    "paper_row",
+]
+
+_AT_REST: Point = (0.0, 0.0)
+
+
+class Edge(NamedTuple):
+    r"""An edge of the view in the robot frame: the half-plane :math:`n^\top p \ge d`.
+
+    Attributes
+    ----------
+    normal_x, normal_y : unit normal :math:`n`, pointing into the view
+    offset : :math:`d = n^\top c` for an edge through the camera centre c [m]
+    """
+
+    normal_x: float
+    normal_y: float
+    offset: float
+
+    @classmethod
+    def through(cls, point: Point, direction: float, inward: float) -> Edge:
+        """The edge from ``point`` along ``direction`` [rad].
+
+        ``inward`` is +1 if the view lies to the left of that ray, -1 if to the right.
+        """
+        n_x, n_y = -inward * math.sin(direction), inward * math.cos(direction)
+        return cls(n_x, n_y, n_x * point[0] + n_y * point[1])
+
+
+def camera_edges(camera: FieldOfView, margin: float = 0.0) -> tuple[Edge, Edge]:
+    """Left and right edge of a camera whose half angle is smaller by ``margin`` [rad].
+
+    Raises
+    ------
+    ConfigurationError : the margin is not in [0, half_angle)
+    """
+    half_angle = shrunk_half_angle(camera, margin)
+    x, y, yaw = camera.camera
+    return (
+        Edge.through((x, y), yaw + half_angle, inward=-1.0),
+        Edge.through((x, y), yaw - half_angle, inward=+1.0),
+    )
+
+
+def half_plane_rows(
+    names: tuple[str, ...],
+    edges: tuple[Edge, ...],
+    points: tuple[Point, ...],
+    gain: float,
+    point_velocity: Point = _AT_REST,
+) -> Rows:
+    r"""Rows of every point and edge, the edges of a point together; inputs are not checked.
+
+    .. math:: \dot h = -n_xv + (n_xy - n_yx)\,\omega + n^\top\dot p_{ext} \ge -\lambda h,
+              \qquad h = n^\top p - d
+
+    ``names`` has one name a row; the values are h [m].
+    """
+    u_x, u_y = point_velocity
+    coefficients: list[Row] = []
+    values: list[float] = []
+    for x, y in points:
+        for n_x, n_y, offset in edges:
+            h = n_x * x + n_y * y - offset
+            values.append(h)
+            coefficients.append((n_x, n_y * x - n_x * y, gain * h + n_x * u_x + n_y * u_y))
+    return Rows(names, tuple(coefficients), Priority.SAFETY, tuple(values))
+
+
+def edge_rows(
+    point: Point,
+    camera: FieldOfView,
+    gain: float,
+    margin: float = 0.0,
+    point_velocity: Point = _AT_REST,
+) -> Rows:
+    r"""Rows that keep a seen point between the camera's two edges.
+
+    An edge through the camera centre :math:`c` with inward normal :math:`n` gives
+    :math:`h = n^\top (p - c)` and, for a point at rest,
+    :math:`\dot h = -n_x v + (n_x y - n_y x)\,\omega`  [Xie2024]_ in half-plane form.
+    Each row states :math:`\dot h \ge -\lambda h`. Smooth everywhere, the apex included.
+
+    Inside the view standing still meets both rows. Together they bound the speed by
+    :math:`v \le \lambda(x - c_x) + \omega(y - c_y)` in the axes of a camera that looks ahead:
+    the robot slows down toward the point, unless :math:`\lambda` exceeds its speed over the
+    distance.
+
+    Parameters
+    ----------
+    point : seen point in the robot frame, (x, y) [m]
+    camera : half angle [rad] and pose of the camera in the robot frame
+    gain : class-K gain :math:`\lambda` [1/s]; too large and it asks for more than the
+        acceleration limits can give, which the guard then has to refuse
+    margin : taken off the half angle [rad], in [0, half_angle)
+    point_velocity : velocity of the point over ground, in the robot's axes [m/s]
+
+    Returns
+    -------
+    Rows named "fov.left" and "fov.right", A of shape (2, 2), b of shape (2,), priority
+    SAFETY, values h [m]
+
+    Raises
+    ------
+    GeometryError : the point or its velocity is not finite
+    ConfigurationError : the gain is not positive, or the margin out of range
+    """
+    check_positive("gain", gain)
+    check_finite("point and its velocity", point, point_velocity)
+    edges = camera_edges(camera, margin)
+    return half_plane_rows(("fov.left", "fov.right"), edges, (point,), gain, point_velocity)
+
+
+@dataclass(frozen=True, slots=True)
+class FieldOfViewBarrier:
+    r"""Keeps the viewed feature between the camera's edges, by half-planes.
+
+    With ``camera.width`` :math:`l > 0` both ends of the feature are kept,
+    :math:`p_\pm = d \pm \tfrac{l}{2}(-\sin\theta, \cos\theta)` for a board at :math:`d`
+    perpendicular to its heading :math:`\theta`. The view is a convex cone, so the whole board
+    is in it when both ends are; that needs a distance of :math:`l/(2\tan\Phi)` from the
+    camera at least. The ends are taken to be at rest, as the feature is.
+
+    Attributes
+    ----------
+    camera : the view, and the extent of the feature to be kept in it
+    gain : class-K gain :math:`\lambda` [1/s], see ``edge_rows``
+    margin : taken off the half angle [rad], in [0, half_angle)
+    name : prefix of the rows' names; give each camera its own
+
+    Raises
+    ------
+    ConfigurationError : the gain is not positive, or the margin out of range
+    """
+
+    camera: FieldOfView
+    gain: float
+    margin: float = 0.0
+    name: str = "fov"
+    _edges: tuple[Edge, ...] = field(init=False, repr=False, compare=False)
+    _names: tuple[str, ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        check_positive("gain", self.gain)
+        ends = (".left_end", ".right_end") if self.camera.width > 0.0 else ("",)
+        names = tuple(f"{self.name}.{side}{end}" for end in ends for side in ("left", "right"))
+        object.__setattr__(self, "_edges", camera_edges(self.camera, self.margin))
+        object.__setattr__(self, "_names", names)
+
+    def rows(self, scene: Scene) -> Rows:
+        """Rows of the feature at ``scene``, two for its centre or four for its ends.
+
+        Named "fov.left" and "fov.right", with ".left_end" or ".right_end" behind where the
+        feature has a width; values h [m].
+
+        Raises
+        ------
+        GeometryError : the feature is not finite, or has a width and no heading
+        """
+        return half_plane_rows(self._names, self._edges, self._points(scene.feature), self.gain)
+
+    def clearance(self, scene: Scene) -> float:
+        """Angle from the feature to the nearer edge less the margin [rad].
+
+        Negative outside, the smaller of the two ends where the feature has a width. Seen from
+        the camera's own centre the bearing counts as 0.
+
+        Raises
+        ------
+        GeometryError : as ``rows``
+        """
+        view = self.camera.margin
+        return min([view(point) for point in self._points(scene.feature)]) - self.margin
+
+    def _points(self, feature: Pose2) -> tuple[Point, ...]:
+        """The points to be kept: the feature's centre, or its left and right end."""
+        x, y = feature[0], feature[1]
+        if not (x + y) - (x + y) == 0.0:
+            raise GeometryError(f"feature must be finite, got {feature!r}")
+        width = self.camera.width
+        if not width > 0.0:
+            return ((x, y),)
+        if len(feature) < 3 or not math.isfinite(feature[2]):
+            raise GeometryError(
+                f"a feature of width {width!r} m needs a finite heading, got {feature!r}"
+            )
+        dx, dy = -0.5 * width * math.sin(feature[2]), 0.5 * width * math.cos(feature[2])
+        return (x + dx, y + dy), (x - dx, y - dy)

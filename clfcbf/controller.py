@@ -1,0 +1,203 @@
+r"""The paper's tracking controller: a virtual target followed through the CLF-CBF-QP.
+
+The nominal command is Kanayama's law, which is also the witness of the Lyapunov row: it asks
+for a fraction of the decay the law itself has, and never for more than the law reaches inside
+the tick's input box. So limits alone never force a slack; only a barrier can.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from clfcbf import defaults
+from clfcbf.camera import FieldOfView
+from clfcbf.constraints.barrier import Barrier
+from clfcbf.constraints.clf import kanayama_clf
+from clfcbf.decision import Decision, Phase, Status
+from clfcbf.docking import DockingConfig, DockingInputs, DockingState, docking_tick
+from clfcbf.errors import ConfigurationError
+from clfcbf.estimation import coast, motion_since
+from clfcbf.laws.kanayama import Kanayama
+from clfcbf.limits import Limits, check_period
+from clfcbf.safety_filter import (
+    FilterConfig,
+    FilterState,
+    as_barriers,
+    begin,
+    finish,
+    scene_now,
+    stop,
+)
+from clfcbf.scene import Reference, Scene
+from clfcbf.se2 import Twist, is_finite
+
+__all__ = ["DockingController", "TrackingConfig", "TrackingController", "TrackingInputs", "tracking_tick"]
+
+
+@dataclass(frozen=True, slots=True)
+class TrackingConfig:
+    """The filter's configuration, the law, and the decay asked for.
+
+    ``fraction`` in (0, 1] is the share of the nominal law's own decay that the row demands.
+    """
+
+    filter: FilterConfig
+    law: Kanayama
+    fraction: float = defaults.CLF_FRACTION
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.fraction <= 1.0:
+            raise ConfigurationError(f"fraction must be in (0, 1], got {self.fraction!r}")
+
+
+class TrackingInputs(NamedTuple):
+    """Inputs of one tick, see :meth:`TrackingController.step`."""
+
+    reference: Reference
+    scene: Scene
+    applied: Twist
+
+
+def tracking_tick(
+    config: TrackingConfig, state: FilterState, inputs: TrackingInputs, now: float
+) -> tuple[Decision, FilterState]:
+    """One tick of the tracking controller as a pure function."""
+    reference, scene, applied = inputs
+    base = config.filter
+    begun = begin(base, state, applied, now)
+    if begun.fault is not None:
+        return stop(begun, begun.fault, base)
+    present = scene_now(base, begun, scene)
+    if isinstance(present, Status):
+        return stop(begun, present, base)
+    if not is_finite((*reference.pose, *reference.twist)):
+        return stop(begun, Status.INVALID_INPUT, base)
+    motion = motion_since(begun.reckoning, scene.stamp)
+    ahead = motion.compose(coast(begun.reckoning.body, base.lag))
+    error = ahead.relative(reference.pose)
+    nominal = config.law.command(error, reference.twist)
+    row = kanayama_clf(error, reference.twist, config.law, config.fraction)
+    row = row.attainable(begun.box.clip(nominal))
+    return finish(base, begun, nominal, present, (row,))
+
+
+class TrackingController:
+    """Follows a virtual target while the feature stays in view (the paper's CLF-CBF-QP).
+
+    Parameters are those of :class:`SafetyFilter`, the law and the share of its decay asked for.
+    """
+
+    def __init__(
+        self,
+        limits: Limits,
+        barriers: Sequence[Barrier | FieldOfView],
+        period: float,
+        backend: str = "exact",
+        *,
+        law: Kanayama | None = None,
+        fraction: float = defaults.CLF_FRACTION,
+        weight: tuple[float, float, float] = defaults.QP_WEIGHT,
+        lag: float = 0.0,
+        guard_lag: float = defaults.GUARD_LAG,
+        patience: float = defaults.PATIENCE,
+    ) -> None:
+        made = as_barriers(barriers, limits, check_period(period), guard_lag)
+        base = FilterConfig(limits, made, period, backend, weight, lag, guard_lag, patience)
+        self.config = TrackingConfig(base, law or Kanayama(), fraction)
+        self.state = FilterState()
+
+    def step(self, reference: Reference, scene: Scene, applied: Twist, now: float) -> Decision:
+        """The command toward the virtual target.
+
+        Parameters
+        ----------
+        reference : virtual target as seen from the robot at ``scene.stamp``, and its twist
+        scene : goal and feature as seen from the robot at ``scene.stamp``
+        applied : the command the chassis last accepted, never odometry
+        now : time [s], on the clock of the stamps
+        """
+        begun = time.perf_counter()
+        decision, self.state = tracking_tick(
+            self.config, self.state, TrackingInputs(reference, scene, applied), now
+        )
+        return decision._replace(timing=time.perf_counter() - begun)
+
+
+class DockingController:
+    """Plans, tracks, backs off and tries again, and says when it is done.
+
+    Its command always comes out of the program and the guard; planner and law only give the
+    nominal one. The controller asks nothing of the robot but the commands it accepted.
+
+    Parameters
+    ----------
+    limits : of the chassis
+    camera : camera and field of view that the feature has to stay in
+    standoff : distance from the goal to the feature straight ahead of it [m]
+    period : of the control loop [s]
+    backend : name of a QP backend
+    lag : first-order lag of the body, as identified [s]
+    barriers : more barriers, beside the camera's
+    options : any field of :class:`DockingConfig`
+
+    Examples
+    --------
+    >>> import math
+    >>> from clfcbf import DockingController, FieldOfView, Limits, Observation, Pose2, Twist
+    >>> limits = Limits(v_max=0.22, omega_max=0.4, a_max=0.3, alpha_max=1.0)
+    >>> camera = FieldOfView(math.radians(35), camera=Pose2(0.2, 0.0, 0.0))
+    >>> controller = DockingController(limits, camera, standoff=0.6, period=1 / 30)
+    >>> controller.step(None, applied=Twist(0.0, 0.0), now=0.0).status.value
+    'no target'
+    """
+
+    def __init__(
+        self,
+        limits: Limits,
+        camera: FieldOfView,
+        standoff: float,
+        period: float,
+        backend: str = "exact",
+        *,
+        lag: float = 0.0,
+        guard_lag: float = defaults.GUARD_LAG,
+        barriers: Sequence[Barrier | FieldOfView] = (),
+        **options: Any,
+    ) -> None:
+        made = as_barriers((camera, *barriers), limits, check_period(period), guard_lag)
+        base = FilterConfig(limits, made, period, backend, lag=lag, guard_lag=guard_lag)
+        self.config = DockingConfig(base, camera, standoff, **options)
+        self.state = DockingState()
+
+    def step(self, observation: Observation | None, applied: Twist, now: float) -> Decision:
+        """The command of this tick.
+
+        Parameters
+        ----------
+        observation : a new measurement, or None where there is none
+        applied : the command the chassis last accepted, never odometry
+        now : time [s], on the clock of the stamps
+        """
+        begun = time.perf_counter()
+        decision, self.state = docking_tick(
+            self.config, self.state, DockingInputs(observation, applied), now
+        )
+        return decision._replace(timing=time.perf_counter() - begun)
+
+    def undock(self, distance: float) -> None:
+        """From the next tick on reverse straight out by ``distance`` [m], then be done."""
+        if not (math.isfinite(distance) and distance > 0.0):
+            raise ConfigurationError(f"distance must be finite and positive [m], got {distance!r}")
+        self.state = self.state._replace(
+            legs=(), undock=distance, phase=Phase.WAITING, reason="", attempts=0
+        )
+
+    def dock(self) -> None:
+        """Start anew from the next tick on, keeping what is known of target and motion."""
+        self.state = self.state._replace(
+            legs=(), undock=0.0, phase=Phase.WAITING, reason="", attempts=0
+        )

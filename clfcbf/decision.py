@@ -1,0 +1,129 @@
+"""What one tick decided: the command, how it was reached, and why."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import NamedTuple
+
+from clfcbf.constraints.rows import Row, Rows
+from clfcbf.se2 import Twist
+
+__all__ = ["Decision", "Phase", "Status"]
+
+
+class Status(Enum):
+    """How the command of a tick was reached, from the best case to the worst."""
+
+    OPTIMAL = "optimal"
+    """The program's answer: every row holds, and the guard admitted it."""
+    RELAXED = "relaxed"
+    """As above, but the Lyapunov row gave way to a barrier or to the limits."""
+    BARRIER_RELAXED = "barrier relaxed"
+    """The barrier rows could not all hold; the guard admitted the least violation."""
+    GUARDED = "guarded"
+    """The guard refused the program's answer and sent another admissible command."""
+    BRAKING = "braking"
+    """Nothing admissible was left: the certified brake."""
+    STALE = "stale"
+    """No measurement for longer than the patience: braking."""
+    NO_TARGET = "no target"
+    """The target has not been seen yet: standing, or braking."""
+    OUT_OF_VIEW = "out of view"
+    """The feature is behind the camera, where its barrier is undefined: braking."""
+    INVALID_INPUT = "invalid input"
+    """An input was not finite: braking on what was known before."""
+    CLOCK_ERROR = "clock error"
+    """The time did not advance: braking."""
+    SOLVER_FAILED = "solver failed"
+    """No backend gave an answer that stands verification: braking."""
+
+    @property
+    def is_fault(self) -> bool:
+        """Whether an input or a part failed, so that the command is a brake."""
+        return self in _FAULTS
+
+
+_FAULTS = frozenset(
+    {
+        Status.STALE,
+        Status.NO_TARGET,
+        Status.OUT_OF_VIEW,
+        Status.INVALID_INPUT,
+        Status.CLOCK_ERROR,
+        Status.SOLVER_FAILED,
+    }
+)
+
+
+class Phase(Enum):
+    """Where a docking run is."""
+
+    WAITING = "waiting"
+    TURNING = "turning"
+    BACKING_OFF = "backing off"
+    APPROACHING = "approaching"
+    STOPPING = "stopping"
+    UNDOCKING = "undocking"
+    DONE = "done"
+    FAILED = "failed"
+
+
+class Decision(NamedTuple):
+    """The outcome of a tick.
+
+    Attributes
+    ----------
+    twist : the command; finite and inside the tick's input box, whatever went in
+    status : how it was reached
+    certified : a brake that keeps the barriers is at hand from here on
+    nominal : the command the law asked for
+    clearance : smallest clearance of the barriers now, in their unit; negative outside
+    slack : by how much the Lyapunov row gave way [its own unit per unit-norm row]
+    barrier_slack : by how much the barrier rows gave way
+    rows : the blocks of rows of this tick, most important first
+    box : the tick's input box (v_lo, v_hi, w_lo, w_hi)
+    done : the task is finished (and the robot stands)
+    phase, reason : of a docking run, and why it stopped or failed
+    timing : duration of the tick [s]; 0 where the tick was called without a clock
+    """
+
+    twist: Twist
+    status: Status
+    certified: bool
+    nominal: Twist
+    clearance: float
+    slack: float = 0.0
+    barrier_slack: float = 0.0
+    rows: tuple[Rows, ...] = ()
+    box: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    done: bool = False
+    phase: Phase | None = None
+    reason: str = ""
+    timing: float = 0.0
+
+    @property
+    def named_rows(self) -> dict[str, Row]:
+        """Each row ``(a_v, a_omega, b)`` of this tick by name."""
+        return {
+            name: row
+            for block in self.rows
+            for name, row in zip(block.names, block.coefficients, strict=True)
+        }
+
+    @property
+    def margins(self) -> dict[str, float]:
+        r"""What each row has to spare at the command sent, :math:`b - a^\top u`, by name.
+
+        Negative where the row gave way or the guard sent another command than the program's.
+        """
+        v, omega = self.twist
+        return {name: b - (a * v + c * omega) for name, (a, c, b) in self.named_rows.items()}
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The barrier or Lyapunov function behind each row, by name."""
+        return {
+            name: value
+            for block in self.rows
+            for name, value in zip(block.names, block.values, strict=True)
+        }

@@ -1,0 +1,159 @@
+r"""The guard: an arc look-ahead with a certified brake around any nominal command.
+
+Commands change by at most :math:`a_{max}T` and :math:`\alpha_{max}T` a tick and are held. From
+the command :math:`u` a brake along the same circle takes
+:math:`N(u) = \lceil\max(|v|/(a_{max}T), |\omega|/(\alpha_{max}T))\rceil` ticks and covers as
+much of it as :math:`u` does in
+
+.. math:: T_{eff}(u) = T (N + 1) / 2 .
+
+A command is *admissible* when the constant-twist arc of that duration stays in the safe set.
+If :math:`u` is, so is the brake :math:`u(1 - 1/N)` a tick later, whose own arc is the rest of
+the same one: a stop is always at hand. The body lags behind the commands, so the arc starts
+where the body coasts to first, :math:`\mathrm{Exp}(\tau b)`, and both places are asked for.
+
+The ticks left of a certified brake are counted down, never computed again: in floating point
+a recomputed :math:`N` fails to drop by one in some brakes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from clfcbf.constraints.barrier import Barrier
+from clfcbf.errors import ConfigurationError
+from clfcbf.limits import InputBox, Limits, check_period
+from clfcbf.scene import Scene
+from clfcbf.se2 import Pose2, Twist, arc
+
+__all__ = ["Brake", "Guard", "Guarded", "moved_scene"]
+
+_REST = Twist(0.0, 0.0)
+
+_FALLBACKS = (0.75, 0.5, 0.25)
+"""Shares of the way from the brake to the wanted command that are tried in between."""
+
+
+class Brake(NamedTuple):
+    """The certified brake: the last certified command and the ticks it needs to rest."""
+
+    twist: Twist
+    ticks: int
+
+    def next(self) -> Brake:
+        """One tick on: the same curvature, slower by one part in ``ticks``."""
+        if self.ticks <= 1:
+            return Brake(_REST, 0)
+        return Brake(self.twist.scaled(1.0 - 1.0 / self.ticks), self.ticks - 1)
+
+
+class Guarded(NamedTuple):
+    """What the guard lets through.
+
+    ``admitted`` says that the wanted command itself went through; ``certified`` that the one
+    sent has a brake that was verified or is the countdown of one that was. ``clearance`` is
+    the smallest one now.
+    """
+
+    twist: Twist
+    brake: Brake
+    admitted: bool
+    certified: bool
+    clearance: float
+
+
+def moved_scene(scene: Scene, motion: Pose2) -> Scene:
+    """The scene as seen after the robot moved by ``motion``."""
+    return Scene(motion.relative(scene.goal), motion.relative(scene.feature), scene.stamp)
+
+
+@dataclass(frozen=True, slots=True)
+class Guard:
+    """Admits a command only while a stop from it stays safe.
+
+    Attributes
+    ----------
+    limits, period : as of the chassis; the brake is made of them
+    barriers : what has to stay at or above zero clearance
+    lag : longest first-order lag of the body that is covered [s]
+    """
+
+    limits: Limits
+    barriers: tuple[Barrier, ...]
+    period: float
+    lag: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_period(self.period)
+        if not 0.0 <= self.lag < 10.0:
+            raise ConfigurationError(f"lag must be in [0, 10) s, got {self.lag!r}")
+
+    def clearance(self, scene: Scene) -> float:
+        """Smallest clearance of any barrier, each in its own unit; +inf without barriers."""
+        return min((barrier.clearance(scene) for barrier in self.barriers), default=float("inf"))
+
+    def admissible(self, coasted: Scene, floor: float, twist: Twist) -> bool:
+        """Whether the arc of the brake from ``twist``, begun where the body coasts to, is safe.
+
+        Parameters
+        ----------
+        coasted : scene seen from where the body coasts to
+        floor : clearance to be kept
+        twist : candidate command
+
+        Notes
+        -----
+        The largest bearing on a constant-twist arc is at one of its ends as long as the point
+        is ahead of the camera, so two clearances answer for all of the arc.
+        """
+        if self.clearance(coasted) < floor:
+            return False
+        ticks = self.limits.brake_ticks(twist, self.period)
+        motion = arc(twist, 0.5 * self.period * (ticks + 1))
+        return self.clearance(moved_scene(coasted, motion)) >= floor
+
+    def filter(self, wanted: Twist, scene: Scene, body: Twist, box: InputBox, brake: Brake) -> (
+        Guarded
+    ):
+        """The admissible command nearest to ``wanted`` among a few, else the certified brake.
+
+        Parameters
+        ----------
+        wanted : command to be checked, inside ``box``
+        scene : goal and feature now
+        body : modelled twist of the body now
+        box : commands reachable this tick
+        brake : the brake certified at the last tick
+
+        Notes
+        -----
+        Outside the safe set (found there, or put there by a nudge) the clearance to be kept is
+        the one there is: what does not make things worse is admissible, so the robot can turn
+        back.
+        """
+        coasted = moved_scene(scene, arc(body, self.lag))
+        clearance = self.clearance(scene)
+        floor = min(0.0, clearance)
+        if self.admissible(coasted, floor, wanted):
+            ticks = self.limits.brake_ticks(wanted, self.period)
+            return Guarded(wanted, Brake(wanted, ticks), True, True, clearance)
+        last = brake.next()
+        safe = box.clip(last.twist)
+        for candidate in self._between(safe, wanted, box):
+            if self.admissible(coasted, floor, candidate):
+                ticks = self.limits.brake_ticks(candidate, self.period)
+                return Guarded(candidate, Brake(candidate, ticks), False, True, clearance)
+        # Outside the box the chassis did not follow the brake: its certificate is void.
+        certified = safe == last.twist
+        kept = last if certified else Brake(safe, self.limits.brake_ticks(safe, self.period))
+        return Guarded(safe, kept, False, certified, clearance)
+
+    def _between(self, safe: Twist, wanted: Twist, box: InputBox) -> Sequence[Twist]:
+        v, omega = safe
+        dv, dw = wanted[0] - v, wanted[1] - omega
+        candidates = [Twist(v + share * dv, omega + share * dw) for share in _FALLBACKS]
+        candidates.append(Twist(v, wanted[1]))
+        candidates.append(Twist(wanted[0], omega))
+        return [box.clip(candidate) for candidate in candidates]

@@ -1,0 +1,207 @@
+r"""Convex polygons of commands: clipping, least violation, nearest point.
+
+Everything here runs on floats and on :class:`fractions.Fraction` alike: one text, two
+arithmetics. On floats a decision that rounding could turn raises :class:`Delicate`, and the
+caller repeats the computation on fractions, where nothing is rounded.
+
+A polygon is the list of its corners, counter-clockwise, without repetitions; a segment has two,
+a point one, and the empty list is the empty set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from typing import TypeVar
+
+__all__ = ["PARALLEL", "TRUSTED", "Delicate", "box_polygon", "clip", "relax"]
+
+N = TypeVar("N", float, Fraction)
+
+PARALLEL = 2**50
+"""Directions closer than ``1 / PARALLEL`` [rad] are one: their own rounding hides the difference."""
+
+TRUSTED = 2**10
+"""On floats, angles below ``1 / TRUSTED`` [rad] are left to fractions: 2**-52 * TRUSTED < 1e-12."""
+
+
+class Delicate(ArithmeticError):  # noqa: N818 (a request for more digits, not an error)
+    """Rounding could change this decision; ask again with fractions."""
+
+
+def box_polygon(v_lo: N, v_hi: N, w_lo: N, w_hi: N) -> list[tuple[N, N]]:
+    """Corners of the box; two or one where it is degenerate."""
+    corners = [(v_lo, w_lo), (v_hi, w_lo), (v_hi, w_hi), (v_lo, w_hi)]
+    return _distinct(corners)
+
+
+def _distinct(corners: list[tuple[N, N]]) -> list[tuple[N, N]]:
+    kept = [p for i, p in enumerate(corners) if p != corners[i - 1]]
+    return kept or corners[:1]
+
+
+def clip(polygon: list[tuple[N, N]], row: tuple[N, N, N], noise: N) -> list[tuple[N, N]]:
+    r"""The part of ``polygon`` in :math:`a^\top u \le b` (Sutherland-Hodgman).
+
+    Parameters
+    ----------
+    polygon : corners, not empty
+    row : ``(a_v, a_w, b)``, any length but zero
+    noise : bound on the rounding of a corner's coordinates; 0 says the arithmetic is exact
+
+    Raises
+    ------
+    Delicate : only with ``noise > 0``: the result is empty or thin to rounding, or ``row`` cuts
+        an edge at a small angle
+
+    Notes
+    -----
+    An edge parallel to ``row`` to rounding (:data:`PARALLEL`) is kept or dropped as a whole: a
+    row and its copy scaled by 3 are one row, though rounding tilts the copy.
+    """
+    a, c, b = row
+    residuals = [a * x + c * y - b for x, y in polygon]
+    lowest = min(residuals)
+    size = abs(a) + abs(c)
+    if noise and -noise * size <= lowest <= noise * size:
+        raise Delicate
+    if max(residuals) <= 0:
+        return polygon
+    count = len(polygon)
+    for i in range(count):
+        ri, rj = residuals[i - 1], residuals[i]
+        if ri < 0 < rj or rj < 0 < ri:
+            (xi, yi), (xj, yj) = polygon[i - 1], polygon[i]
+            across, length = abs(ri - rj), size * (abs(xi - xj) + abs(yi - yj))
+            if across * PARALLEL <= length:
+                residuals[i - 1] = residuals[i] = a - a  # both ends count as on the row
+            elif noise and across * TRUSTED < length:
+                raise Delicate
+    if min(residuals) > 0:
+        return []
+    kept: list[tuple[N, N]] = []
+    for i in range(count):
+        ri, rj = residuals[i - 1], residuals[i]
+        # From the end inside to the end outside, so that both passes over a segment agree.
+        if ri < 0 < rj:
+            kept.append(_between(polygon[i - 1], polygon[i], ri / (ri - rj)))
+        elif rj < 0 < ri:
+            kept.append(_between(polygon[i], polygon[i - 1], rj / (rj - ri)))
+        if rj <= 0:
+            kept.append(polygon[i])
+    return _distinct(kept)
+
+
+def _between(p: tuple[N, N], q: tuple[N, N], t: N) -> tuple[N, N]:
+    return (p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1]))
+
+
+def _lowest_face(
+    polygon: list[tuple[N, N]], row: tuple[N, N, N], noise: N
+) -> tuple[list[tuple[N, N]], N]:
+    """Corner or edge of ``polygon`` where ``a.u - b`` is least, and that value."""
+    a, c, b = row
+    count = len(polygon)
+    values = [a * x + c * y for x, y in polygon]
+    first = last = min(range(count), key=values.__getitem__)
+    lowest = values[first] - b
+    # Slopes, not values, decide ties: along a side of the box their signs carry no rounding.
+    for step in (1, -1):
+        at = first
+        for _ in range(count - 1):
+            nxt = (at + step) % count
+            if nxt == last:
+                break
+            dx, dy = polygon[nxt][0] - polygon[at][0], polygon[nxt][1] - polygon[at][1]
+            rise, length = a * dx + c * dy, abs(dx) + abs(dy)
+            flat = abs(rise) * PARALLEL <= length
+            if noise and ((dx and dy and abs(rise) <= noise) or (rise < 0 and not flat)):
+                raise Delicate
+            if not flat:
+                break
+            at = nxt
+        if step > 0:
+            last = at
+        else:
+            first = at
+    if first == last:
+        return [polygon[first]], lowest
+    return [polygon[first], polygon[last]], lowest
+
+
+def _least_violation(
+    polygon: list[tuple[N, N]], rows: Sequence[tuple[N, N, N]], noise: N
+) -> tuple[list[tuple[N, N]], N]:
+    r"""Where :math:`\max_i (a_i^\top u - b_i)` is least over ``polygon``, and that value.
+
+    ``rows`` have unit length. Incremental: the minimum over the rows so far either satisfies
+    the next row, or the new minimum lies where the next row is the largest [Seidel1991]_.
+    With rows of unit length the minimum is attained on a corner or an edge, never on an area.
+    """
+    taken = [rows[0]]
+    face, value = _lowest_face(polygon, rows[0], noise)
+    for row in rows[1:]:
+        a, c, b = row
+        within = clip(face, (a, c, b + value), noise)
+        if within:
+            face = within
+        else:
+            region = polygon
+            for i, j, k in taken:
+                region = _clip_difference(region, (i - a, j - c, k - b), noise)
+            # Empty only where the rows are one to rounding (PARALLEL): the face stands.
+            if region:
+                face, value = _lowest_face(region, row, noise)
+            elif noise:
+                raise Delicate
+        taken.append(row)
+    return face, value
+
+
+def _clip_difference(
+    polygon: list[tuple[N, N]], row: tuple[N, N, N], noise: N
+) -> list[tuple[N, N]]:
+    """``clip`` that also takes the empty polygon and the zero row."""
+    if not polygon or (row[0] == 0 and row[1] == 0):
+        return polygon if row[2] >= 0 else []
+    return clip(polygon, row, noise)
+
+
+def relax(
+    polygon: list[tuple[N, N]],
+    levels: Sequence[Sequence[tuple[N, N, N]]],
+    unit: Callable[[tuple[N, N, N]], tuple[N, N, N]],
+    noise: N,
+) -> tuple[list[tuple[N, N]], list[N]]:
+    r"""Clip by level after level; where one does not fit, relax it as little as possible.
+
+    Level :math:`\ell` leaves :math:`\{u \in C_{\ell-1} : a_i^\top u \le b_i + s_\ell |a_i|\}` with
+    :math:`s_\ell = \min_{u \in C_{\ell-1}} \max_i\,(a_i^\top u - b_i)^+ / |a_i|`.
+
+    Parameters
+    ----------
+    polygon : corners of :math:`C_0`, not empty
+    levels : rows ``(a_v, a_w, b)`` without zero rows, the most important level first
+    unit : scales a row to unit length
+    noise : as in :func:`clip`
+
+    Returns
+    -------
+    The corners of the last :math:`C_\ell` and one slack a level
+    """
+    slacks: list[N] = []
+    for rows in levels:
+        kept = polygon
+        for row in rows:
+            kept = clip(kept, row, noise)
+            if not kept:
+                break
+        if kept:
+            polygon = kept
+            slacks.append(noise - noise)
+        else:
+            polygon, slack = _least_violation(polygon, [unit(row) for row in rows], noise)
+            if slack <= noise and noise:
+                raise Delicate
+            slacks.append(slack)
+    return polygon, slacks

@@ -1,0 +1,208 @@
+"""A planar quintic expanded about one of its ends, with the zeros of its speed divided out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clfcbf.errors import GeometryError
+from clfcbf.se2 import Point, Pose2, Twist, is_finite, wrap_angle
+
+__all__ = ["CUSP_TOLERANCE", "VANISHING", "BoundaryState", "Expansion", "taylor"]
+
+VANISHING = 1e-12
+"""A derived coefficient this small against the boundary values is rounding: taken as 0."""
+
+CUSP_TOLERANCE = 1e-6
+"""A smallest speed this small against the largest is a cusp: the root is found to 1e-8."""
+
+_FloatArray = NDArray[np.float64]
+_Coefficients = tuple[float, ...]
+_AT_REST = Twist(0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class BoundaryState:
+    """Position [m], velocity [m/s] and acceleration [m/s²] at one end, each (x, y)."""
+
+    position: Point
+    velocity: Point = (0.0, 0.0)
+    acceleration: Point = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        values = (*self.position, *self.velocity, *self.acceleration)
+        if not is_finite(values):
+            raise GeometryError(f"boundary values must be finite, got {values!r}")
+
+    @classmethod
+    def of(cls, pose: Pose2, twist: Twist = _AT_REST, acceleration: float = 0.0) -> BoundaryState:
+        r"""State of a unicycle: :math:`\dot p = v e`, :math:`\ddot p = \dot v e + v\omega n`.
+
+        Here :math:`e = (\cos\theta, \sin\theta)` and :math:`n` is its left normal.
+
+        Parameters
+        ----------
+        pose : position and heading; the heading is lost where v and acceleration are both 0
+        twist : :math:`(v, \omega)`; v is negative in reverse, and at v = 0 omega is lost
+        acceleration : :math:`\dot v` along the heading [m/s²]
+        """
+        c, s = math.cos(pose.theta), math.sin(pose.theta)
+        v, across = twist.v, twist.v * twist.omega
+        return cls(
+            (pose.x, pose.y),
+            (v * c, v * s),
+            (acceleration * c - across * s, acceleration * s + across * c),
+        )
+
+
+def taylor(
+    near: BoundaryState, far: BoundaryState, T: float
+) -> tuple[_Coefficients, _Coefficients]:
+    r"""Coefficients about ``near`` of the quintic that reaches ``far`` after ``T`` [s].
+
+    With :math:`d = p_1 - p_0`:
+
+    .. math::
+        c_3 &= (20 d - (8 v_1 + 12 v_0) T - (3 a_0 - a_1) T^2) / (2 T^3) \\
+        c_4 &= (-30 d + (14 v_1 + 16 v_0) T + (3 a_0 - 2 a_1) T^2) / (2 T^4) \\
+        c_5 &= (12 d - 6 (v_1 + v_0) T + (a_1 - a_0) T^2) / (2 T^5)
+
+    A negative ``T`` expands about the end of a trajectory instead of its start.
+
+    Returns
+    -------
+    Six ascending coefficients in x and six in y.
+    """
+    x, y = (_axis(near, far, axis, T) for axis in (0, 1))
+    scale = max(
+        math.hypot(far.position[0] - near.position[0], far.position[1] - near.position[1]),
+        abs(T) * max(math.hypot(*near.velocity), math.hypot(*far.velocity)),
+        T * T * max(math.hypot(*near.acceleration), math.hypot(*far.acceleration)),
+    )
+    for k in (3, 4, 5):
+        if math.hypot(x[k], y[k]) * abs(T) ** k <= VANISHING * scale:
+            x[k] = y[k] = 0.0
+    return tuple(x), tuple(y)
+
+
+def _axis(near: BoundaryState, far: BoundaryState, axis: int, T: float) -> list[float]:
+    d = far.position[axis] - near.position[axis]
+    v0, v1 = near.velocity[axis] * T, far.velocity[axis] * T
+    a0, a1 = near.acceleration[axis] * T * T, far.acceleration[axis] * T * T
+    return [
+        near.position[axis],
+        near.velocity[axis],
+        0.5 * near.acceleration[axis],
+        (20.0 * d - (8.0 * v1 + 12.0 * v0) - (3.0 * a0 - a1)) / (2.0 * T**3),
+        (-30.0 * d + (14.0 * v1 + 16.0 * v0) + (3.0 * a0 - 2.0 * a1)) / (2.0 * T**4),
+        (12.0 * d - 6.0 * (v1 + v0) + (a1 - a0)) / (2.0 * T**5),
+    ]
+
+
+class Expansion(NamedTuple):
+    r"""A quintic about one end, :math:`\dot p(\tau) = \tau^n w(\tau)`, :math:`w(0) \ne 0`.
+
+    Attributes
+    ----------
+    position : coefficients of p in x and y, ascending
+    order : n, how many derivatives of p vanish at the end
+    deflated : coefficients of w in x and y, ascending
+    half : half the duration with the sign of the local time [s]
+    """
+
+    position: tuple[_Coefficients, _Coefficients]
+    order: int
+    deflated: tuple[_Coefficients, _Coefficients]
+    half: float
+
+    @classmethod
+    def about(cls, x: _Coefficients, y: _Coefficients, half: float) -> Expansion:
+        """Divide out the zeros of the velocity at local time 0.
+
+        Raises
+        ------
+        GeometryError : the velocity vanishes everywhere
+        """
+        dx = tuple(k * c for k, c in enumerate(x))[1:]
+        dy = tuple(k * c for k, c in enumerate(y))[1:]
+        for order, (a, b) in enumerate(zip(dx, dy, strict=True)):
+            if a or b:
+                return cls((x, y), order, (dx[order:], dy[order:]), half)
+        raise GeometryError("all derivatives of the trajectory vanish: it has no heading")
+
+    def point(self, tau: float) -> Point:
+        """Position at the local time [m]."""
+        x, y = self.position
+        return _horner(x, tau), _horner(y, tau)
+
+    def heading(self, tau: float, gear: int) -> float:
+        """Heading [rad] when facing along the travel (gear +1) or against it (-1)."""
+        sign = gear * self._orientation()
+        x, y = self.deflated
+        return wrap_angle(math.atan2(sign * _horner(y, tau), sign * _horner(x, tau)))
+
+    def _orientation(self) -> int:
+        # tau^n is negative about the end of a trajectory, where tau < 0, if n is odd.
+        return -1 if self.half < 0.0 and self.order % 2 else 1
+
+    def speed(self, tau: float) -> float:
+        """Speed along the travel, not negative [m/s]."""
+        x, y = self.deflated
+        return abs(tau) ** self.order * math.hypot(_horner(x, tau), _horner(y, tau))
+
+    def turn_rate(self, tau: float) -> float:
+        r""":math:`(w \times \dot w)/|w|^2` [rad/s]."""
+        x, y = self.deflated
+        wx, wy = _horner(x, tau), _horner(y, tau)
+        dx, dy = _horner_slope(x, tau), _horner_slope(y, tau)
+        return (wx * dy - wy * dx) / (wx * wx + wy * wy)
+
+    def cusp(self) -> float | None:
+        """Local time within the half duration at which w vanishes, or None."""
+        x, y = (np.polynomial.Polynomial(c) for c in self.deflated)
+        squared = x * x + y * y
+        critical = squared.deriv().roots()
+        real = critical.real[np.abs(critical.imag) <= CUSP_TOLERANCE * abs(self.half)]
+        inside = real[(real * self.half > 0.0) & (np.abs(real) <= abs(self.half))]
+        times = np.concatenate((inside, (0.0, self.half)))
+        sizes = np.sqrt(np.maximum(squared(times), 0.0))
+        k = int(np.argmin(sizes))
+        return float(times[k]) if sizes[k] <= CUSP_TOLERANCE * sizes.max() else None
+
+    def magnitudes(self, samples: int) -> tuple[float, float, float, float]:
+        """Largest absolute v, omega and their rates over the half duration, sampled."""
+        tau = np.linspace(0.0, self.half, samples)
+        n, size = self.order, np.abs(tau)
+        w, dw, ddw = (
+            [np.polynomial.Polynomial(c).deriv(k)(tau) for c in self.deflated] for k in (0, 1, 2)
+        )
+        squared = w[0] ** 2 + w[1] ** 2
+        along, turn = w[0] * dw[0] + w[1] * dw[1], w[0] * dw[1] - w[1] * dw[0]
+        norm: _FloatArray = np.sqrt(squared)
+        rate = size**n * along / norm
+        if n:
+            rate = rate + math.copysign(n, self.half) * size ** (n - 1) * norm
+        twisting = w[0] * ddw[1] - w[1] * ddw[0]
+        alpha = twisting / squared - 2.0 * turn * along / squared**2
+        peaks = (size**n * norm, turn / squared, rate, alpha)
+        v, omega, a, angular = (float(np.max(np.abs(values))) for values in peaks)
+        return v, omega, a, angular
+
+
+def _horner(coefficients: _Coefficients, t: float) -> float:
+    value = 0.0
+    for c in reversed(coefficients):
+        value = value * t + c
+    return value
+
+
+def _horner_slope(coefficients: _Coefficients, t: float) -> float:
+    value = slope = 0.0
+    for c in reversed(coefficients):
+        slope = slope * t + value
+        value = value * t + c
+    return slope

@@ -1,0 +1,147 @@
+r"""The nominal law that follows a leg: Kanayama's with the virtual target abreast of the robot.
+
+The virtual target is the place of the path abreast of the robot, moving at the speed that this
+tick can reach, so its longitudinal error is zero and the law [Kanayama1990]_ reads
+
+.. math::
+
+    v = v_V, \qquad
+    \omega = \omega_V + k_2 v_V y_e + k_3 |v_V| \sin\theta_e .
+
+Per metre travelled the lateral error obeys :math:`e'' + k_3 e' + k_2 e = 0`. The last
+millimetres are a regulator to the end pose, longitudinal and by turning on the spot; what is
+left sideways no nonholonomic robot can remove there.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from clfcbf import defaults
+from clfcbf.errors import ConfigurationError
+from clfcbf.limits import InputBox, Limits
+from clfcbf.scene import Reference
+from clfcbf.se2 import Pose2, Twist, wrap_angle
+from clfcbf.trajectories.legs import Leg, Path, Turn
+
+__all__ = ["Following", "FollowingGains", "follow"]
+
+_AT_REST = Twist(0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class FollowingGains:
+    """Gains of the law and the tolerances of its last millimetres.
+
+    Attributes
+    ----------
+    k2 : gain on the lateral error [1/m²]
+    k3 : gain on the heading error [1/m]; ``2 sqrt(k2)`` is critical
+    heading : gain on the heading error that fades in as the robot slows down [1/s]
+    settle_x : gain of the longitudinal regulator [1/s]
+    settle_theta : gain of the heading regulator [1/s]
+    settle_from : distance before the end at which the regulator takes over [m]
+    done_x, done_theta : errors at which the goal counts as reached [m, rad]
+    """
+
+    k2: float = defaults.FOLLOW_K2
+    k3: float = defaults.FOLLOW_K3
+    heading: float = defaults.FOLLOW_HEADING
+    settle_x: float = defaults.SETTLE_X
+    settle_theta: float = defaults.SETTLE_THETA
+    settle_from: float = defaults.SETTLE_FROM
+    done_x: float = defaults.DONE_X
+    done_theta: float = defaults.DONE_THETA
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            value = getattr(self, name)
+            if not (math.isfinite(value) and (value > 0.0 or (name == "heading" and value == 0.0))):
+                raise ConfigurationError(f"{name} must be finite and positive, got {value!r}")
+
+
+class Following(NamedTuple):
+    """The law at one tick.
+
+    ``twist`` is the command; ``reference`` the virtual target as seen from the robot, with its
+    own twist; ``s`` the arc length reached; ``arrived`` whether position and heading are those
+    of the leg's end, the speeds left aside.
+    """
+
+    twist: Twist
+    reference: Reference
+    s: float
+    arrived: bool
+
+
+def follow(
+    leg: Leg,
+    last: bool,
+    pose: Pose2,
+    since: float,
+    box: InputBox,
+    limits: Limits,
+    period: float,
+    gains: FollowingGains,
+) -> Following:
+    """Command that follows ``leg`` from ``pose``.
+
+    Parameters
+    ----------
+    leg : path or turn on the spot, in the goal's frame
+    last : whether the leg ends at the goal, where the last millimetres count
+    pose : where the body coasts to, in the goal's frame
+    since : arc length reached before; progress never goes back
+    box : commands reachable this tick
+    limits, period : of the chassis
+    """
+    if isinstance(leg, Turn):
+        error = Pose2(0.0, 0.0, wrap_angle(leg.heading - pose.theta))
+        twist = box.clip(Twist(0.0, _spin(error.theta, limits, gains)))
+        arrived = abs(error.theta) < 5.0 * gains.done_theta
+        return Following(twist, Reference(error, _AT_REST), since, arrived)
+    place = leg.nearest(pose, since)
+    if place.rest < gains.settle_from:
+        return _settle(leg, last, pose, max(place.s, since), box, limits, gains)
+    error = pose.relative(place.pose)
+    speed = max(abs(box.v_lo), abs(box.v_hi))
+    ahead = leg.at(place.s + 0.5 * period * speed)
+    v = min(max(leg.gear * ahead.speed, box.v_lo), box.v_hi)
+    feed = ahead.turn_rate
+    if place.speed > abs(v):
+        feed *= abs(v) / place.speed
+    sin = math.sin(error.theta)
+    omega = feed + gains.k2 * v * error.y + gains.k3 * abs(v) * sin
+    slow = max(0.0, 1.0 - abs(v) / limits.v_max) * max(0.0, 1.0 - 10.0 * place.rest)
+    omega += gains.heading * slow * sin
+    if abs(omega) > limits.omega_max:
+        v = min(max(v * limits.omega_max / abs(omega), box.v_lo), box.v_hi)
+    twist = box.clip(Twist(v, omega))
+    return Following(twist, Reference(error, Twist(v, feed)), max(place.s, since), False)
+
+
+def _spin(theta: float, limits: Limits, gains: FollowingGains) -> float:
+    """Turn rate toward a heading error: proportional, and never more than can be braked.
+
+    Two thirds of the angular acceleration are planned on, for the rate is held over each tick.
+    """
+    rate = min(
+        limits.omega_max,
+        math.sqrt(4.0 / 3.0 * limits.alpha_max * abs(theta)),
+        gains.settle_theta * abs(theta),
+    )
+    return math.copysign(rate, theta)
+
+
+def _settle(
+    leg: Path, last: bool, pose: Pose2, s: float, box: InputBox, limits: Limits,
+    gains: FollowingGains,
+) -> Following:  # fmt: skip
+    error = pose.relative(leg.end)
+    v = gains.settle_x * error.x
+    omega = _spin(error.theta, limits, gains) if last else 0.0
+    arrived = abs(error.x) < gains.done_x and abs(error.theta) < gains.done_theta
+    twist = box.clip(Twist(v, omega))
+    return Following(twist, Reference(error, _AT_REST), s, arrived or not last)

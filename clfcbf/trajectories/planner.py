@@ -1,0 +1,243 @@
+"""The planner: the fastest of the approaches it tried that keeps the view and the limits.
+
+Forward approaches (an arc, a line, a terminal curve) are ranked by an estimate of their time;
+the best are driven in simulation and the first that arrives is taken. Where none does, a leg
+that turns on the spot or reverses along an arc comes first, which is what the geometry of the
+view demands close to the goal: going forward with bearings up to the edge, the direction of
+the approach can change by no more than the integral of ``tan(edge) d ln(range)``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clfcbf import defaults
+from clfcbf.camera import FieldOfView
+from clfcbf.errors import ConfigurationError, GeometryError, PlanningError
+from clfcbf.guard import Guard
+from clfcbf.limits import Limits
+from clfcbf.se2 import Pose2, Twist, arc, is_finite, wrap_angle
+from clfcbf.trajectories.build import approach_path, arc_path
+from clfcbf.trajectories.following import FollowingGains
+from clfcbf.trajectories.legs import Leg, Turn
+from clfcbf.trajectories.rollout import Rollout, roll_out
+from clfcbf.trajectories.tangent import Candidates, tangent_candidates
+from clfcbf.trajectories.terminal import TerminalCurves, nominal_offsets, terminal_curves
+
+__all__ = ["Plan", "Planner"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Legs that lead to the goal, and how driving them turned out in simulation."""
+
+    legs: tuple[Leg, ...]
+    rollout: Rollout
+
+
+class Planner:
+    """Plans approaches to a goal whose feature has to stay in the camera's view.
+
+    Parameters
+    ----------
+    guard : limits, period and barriers that the motion has to pass
+    camera : the camera, with its true half angle
+    standoff : distance from the goal to the feature straight ahead of it [m]
+    lag : first-order lag of the body [s]
+    gains : of the law that follows the plan
+    """
+
+    def __init__(
+        self,
+        guard: Guard,
+        camera: FieldOfView,
+        standoff: float,
+        lag: float = 0.0,
+        gains: FollowingGains | None = None,
+    ) -> None:
+        limits = guard.limits
+        self.guard = guard
+        self.camera = camera
+        self.standoff = standoff
+        self.lag = lag
+        self.gains = gains or FollowingGains()
+        self.limits = Limits(
+            defaults.PLAN_SPEED * limits.v_max,
+            defaults.PLAN_TURN_RATE * limits.omega_max,
+            defaults.PLAN_ACCELERATION * limits.a_max,
+            defaults.PLAN_ACCELERATION * limits.alpha_max,
+            defaults.PLAN_SPEED * limits.reverse_speed,
+        )
+        self.edge = FieldOfView(camera.half_angle - defaults.PLAN_EDGE, camera.camera)
+        offsets = nominal_offsets(self.limits, self.edge, standoff, defaults.PLAN_CURVES)
+        self.curves = terminal_curves(
+            self.limits, self.edge, standoff, offsets, defaults.PLAN_REACH
+        )
+        self.thinned = self.curves.thinned(defaults.PLAN_THIN_CURVES, defaults.PLAN_THIN_SAMPLES)
+        widest = self.limits.v_max / self.limits.omega_max
+        self.radii = np.array([0.25, 0.5, 1.0]) * widest
+
+    @property
+    def feature(self) -> Pose2:
+        """The feature in the goal's frame."""
+        return Pose2(self.standoff, 0.0, 0.0)
+
+    def plan(self, start: Pose2, applied: Twist = Twist(0.0, 0.0)) -> Plan:  # noqa: B008
+        """The fastest approach found from ``start`` (goal's frame) while ``applied`` is in force.
+
+        Raises
+        ------
+        GeometryError : the start is not finite
+        PlanningError : no candidate arrives; ``reasons`` counts what forbade them
+        """
+        if not is_finite(tuple(start)):
+            raise GeometryError(f"start must be finite, got {start!r}")
+        reasons = {"no tangent path": 0, "field of view": 0, "does not arrive": 0}
+        for search in (self._forward, self._backed_off):
+            best = self._fastest(search(start, reasons), start, applied, reasons)
+            if best is not None:
+                return best
+        raise PlanningError(
+            f"no approach from {start!r}: " + ", ".join(f"{k}: {n}" for k, n in reasons.items()),
+            reasons,
+        )
+
+    def _fastest(
+        self, tries: list[tuple[float, tuple[Leg, ...]]], start: Pose2, applied: Twist,
+        reasons: dict[str, int],
+    ) -> Plan | None:  # fmt: skip
+        best: Plan | None = None
+        for estimate, legs in tries:
+            if best is not None and best.rollout.duration <= estimate + defaults.PLAN_SLACK:
+                break
+            rollout = roll_out(
+                legs, start, self.feature, self.guard, self.lag, self.gains, applied,
+                patience=estimate + defaults.PLAN_PATIENCE,
+            )  # fmt: skip
+            x, y, theta = rollout.error
+            if not (
+                rollout.arrived
+                and math.hypot(x, y) < defaults.PLAN_ERROR
+                and abs(theta) < defaults.PLAN_ERROR_THETA
+            ):
+                reasons["does not arrive"] += 1
+            elif best is None or rollout.duration < best.rollout.duration:
+                best = Plan(legs, rollout)
+        return best
+
+    def _forward(
+        self, start: Pose2, reasons: dict[str, int]
+    ) -> list[tuple[float, tuple[Leg, ...]]]:
+        starts = np.array([start])
+        found = tangent_candidates(starts, self.radii, self.curves)
+        cost = self._cost(found, starts, np.zeros(1), self.curves, reasons)
+        order = np.argsort(cost)[: defaults.PLAN_TRIES]
+        return [
+            (
+                float(cost[i]),
+                (approach_path(start, found, int(i), self.curves, self.limits),),
+            )
+            for i in order
+            if np.isfinite(cost[i])
+        ]
+
+    def _backed_off(
+        self, start: Pose2, reasons: dict[str, int]
+    ) -> list[tuple[float, tuple[Leg, ...]]]:
+        legs, ends, times = self._first_legs(start)
+        if not legs:
+            return []
+        starts = np.array(ends)
+        found = tangent_candidates(starts, self.radii[[0, 2]], self.thinned)
+        cost = self._cost(found, starts, np.array(times), self.thinned, reasons)
+        tries: list[tuple[float, tuple[Leg, ...]]] = []
+        taken: set[int] = set()
+        for i in np.argsort(cost):
+            first = int(found.start[i])
+            if not np.isfinite(cost[i]) or len(tries) == defaults.PLAN_TRIES:
+                break
+            if first in taken:
+                continue
+            taken.add(first)
+            path = approach_path(ends[first], found, int(i), self.thinned, self.limits)
+            tries.append((float(cost[i]), (legs[first], path)))
+        return tries
+
+    def _first_legs(self, start: Pose2) -> tuple[list[Leg], list[Pose2], list[float]]:
+        legs: list[Leg] = []
+        ends: list[Pose2] = []
+        times: list[float] = []
+        limits = self.limits
+        allowed = max(self.edge.half_angle, abs(self._bearing(start)))
+        for turn in np.radians(np.arange(-90.0, 90.1, 6.0)).tolist():
+            if abs(turn) > 0.05:
+                end = Pose2(start.x, start.y, wrap_angle(start.theta + turn))
+                if abs(self._bearing(end)) <= allowed:
+                    legs.append(Turn(end.theta))
+                    ends.append(end)
+                    times.append(_rest_to_rest(abs(turn), limits.omega_max, limits.alpha_max))
+            for length in defaults.PLAN_REVERSES:
+                end = start.compose(arc(Twist(-length, turn), 1.0))
+                if abs(self._bearing(end)) <= allowed:
+                    legs.append(arc_path(start, length, turn, limits, -1))
+                    ends.append(end)
+                    times.append(
+                        max(
+                            _rest_to_rest(length, -limits.reverse_speed, limits.a_max),
+                            _rest_to_rest(abs(turn), limits.omega_max, limits.alpha_max),
+                        )
+                    )
+        return legs, ends, times
+
+    def _bearing(self, pose: Pose2) -> float:
+        return self.camera.bearing(pose.seen((self.standoff, 0.0)))
+
+    def _cost(
+        self, found: Candidates, starts: Array, before: Array, curves: TerminalCurves,
+        reasons: dict[str, int],
+    ) -> Array:  # fmt: skip
+        """Estimated time of each candidate with a soft price on bearings near the edge."""
+        limits = self.limits
+        radius = np.abs(found.radius)
+        speed = np.minimum(limits.v_max, limits.omega_max * radius)
+        rate = speed / radius
+        step = curves.time[:, 1:] - curves.time[:, :-1]
+        time = before[found.start] + np.abs(found.swept) * radius / speed
+        time += found.straight / limits.v_max + 0.5 * limits.v_max / limits.a_max
+        time += curves.time[found.curve, found.sample]
+        time += found.part * step[found.curve, found.sample]
+        ticks = np.maximum(speed / limits.a_max, rate / limits.alpha_max)
+        overrun = np.minimum(rate * (0.5 * ticks + self.guard.lag), 0.35)
+        end = self._bearing_on_arc(found, starts, 0.0)
+        beyond = self._bearing_on_arc(found, starts, overrun)
+        worst = np.maximum(end, beyond)
+        reasons["no tangent path"] += len(found) == 0
+        reasons["field of view"] += int(np.count_nonzero(end > self.edge.half_angle + 1e-3))
+        time += 20.0 * np.maximum(0.0, worst - math.radians(30.0)) ** 2
+        time += 50.0 * np.maximum(0.0, worst - self.camera.half_angle) ** 2
+        return np.where(end > self.edge.half_angle + 1e-3, np.inf, time)
+
+    def _bearing_on_arc(self, found: Candidates, starts: Array, overrun: Array | float) -> Array:
+        """Magnitude of the bearing where each arc ends, or ``overrun`` [rad] further on it."""
+        x, y, theta = starts[found.start].T
+        end = theta + found.swept + np.sign(found.radius) * overrun
+        px = x - found.radius * (np.sin(theta) - np.sin(end))
+        py = y + found.radius * (np.cos(theta) - np.cos(end))
+        cx, cy, yaw = self.camera.camera
+        eye_x = px + cx * np.cos(end) - cy * np.sin(end)
+        eye_y = py + cx * np.sin(end) + cy * np.cos(end)
+        bearing = np.arctan2(-eye_y, self.standoff - eye_x) - end - yaw
+        return np.abs(np.mod(bearing + np.pi, 2.0 * np.pi) - np.pi)
+
+
+def _rest_to_rest(distance: float, speed: float, acceleration: float) -> float:
+    """Time of a trapezoidal motion [s]."""
+    if distance * acceleration < speed * speed:
+        return 2.0 * math.sqrt(distance / acceleration)
+    return distance / speed + speed / acceleration

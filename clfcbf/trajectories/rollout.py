@@ -1,0 +1,108 @@
+"""What a plan comes to when it is driven: the law, the limits and the guard, simulated.
+
+A geometric path knows nothing of the angular acceleration at its joints or of the look-ahead
+of the guard. So a candidate is judged by driving it, with the very law and guard that will
+drive the robot, on the modelled body: the limits hold by construction, and its time, its
+smallest clearance and its error at the end are those of the motion itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from clfcbf.estimation import body_after, coast
+from clfcbf.guard import Brake, Guard
+from clfcbf.scene import Scene
+from clfcbf.se2 import Pose2, Twist
+from clfcbf.trajectories.following import FollowingGains, follow
+from clfcbf.trajectories.legs import Leg
+
+__all__ = ["Rollout", "at_rest", "roll_out"]
+
+_ORIGIN = Pose2(0.0, 0.0, 0.0)
+
+
+def at_rest(twist: Twist) -> bool:
+    """Whether a command is as good as zero: below 2 mm/s and 10 mrad/s."""
+    return abs(twist[0]) < 2e-3 and abs(twist[1]) < 1e-2
+
+
+@dataclass(frozen=True, slots=True)
+class Rollout:
+    """A simulated run.
+
+    Attributes
+    ----------
+    times, poses, twists : time [s], pose in the goal's frame and command of each tick
+    clearance : smallest clearance of the barriers on the way, in their unit
+    guarded : ticks in which the guard changed the command
+    arrived : whether it came to rest at the goal in the time given
+    """
+
+    times: tuple[float, ...]
+    poses: tuple[Pose2, ...]
+    twists: tuple[Twist, ...]
+    clearance: float
+    guarded: int
+    arrived: bool
+
+    @property
+    def duration(self) -> float:
+        """Time to rest [s]."""
+        return self.times[-1]
+
+    @property
+    def error(self) -> Pose2:
+        """Pose at the end, seen from the goal."""
+        return self.poses[-1]
+
+
+def roll_out(
+    legs: tuple[Leg, ...],
+    start: Pose2,
+    feature: Pose2,
+    guard: Guard,
+    lag: float,
+    gains: FollowingGains,
+    applied: Twist = Twist(0.0, 0.0),  # noqa: B008 - immutable
+    patience: float = 60.0,
+) -> Rollout:
+    """Drive ``legs`` from ``start`` on the modelled body.
+
+    Parameters
+    ----------
+    legs : the last one ends at the goal, the origin of the frame
+    start : robot in the goal's frame
+    feature : viewed feature in the goal's frame
+    guard, lag, gains : as they will drive the robot; the body lags by ``lag`` [s]
+    applied : command in force at the start, which the body follows already
+    patience : longest time simulated [s]
+    """
+    limits, period = guard.limits, guard.period
+    pose, body, command, brake = start, applied, applied, Brake(applied, 0)
+    brake = Brake(applied, limits.brake_ticks(applied, period))
+    index, s, time, guarded, arrived = 0, 0.0, 0.0, 0, False
+    clearance = float("inf")
+    times, poses, twists = [0.0], [start], [applied]
+    while time < patience and not arrived:
+        box = limits.input_box(command, period)
+        ahead = pose.compose(coast(body, lag))
+        last = index == len(legs) - 1
+        wanted = follow(legs[index], last, ahead, s, box, limits, period, gains)
+        s = wanted.s
+        if wanted.arrived and at_rest(command):
+            if last:
+                arrived = True
+            index, s = min(index + 1, len(legs) - 1), 0.0
+        scene = Scene(pose.relative(_ORIGIN), pose.relative(feature), time)
+        outcome = guard.filter(wanted.twist, scene, body, box, brake)
+        brake, command = outcome.brake, outcome.twist
+        guarded += not outcome.admitted
+        body, mean = body_after(body, command, period, lag)
+        pose = pose.moved(mean, period)
+        time += period
+        clearance = min(clearance, guard.clearance(scene))
+        times.append(time)
+        poses.append(pose)
+        twists.append(command)
+    return Rollout(tuple(times), tuple(poses), tuple(twists), clearance, guarded, arrived)

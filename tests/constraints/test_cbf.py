@@ -1,0 +1,452 @@
+"""Rows and clearance of the field of view against exact motion and against plain geometry."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from clfcbf.camera import FieldOfView
+from clfcbf.constraints.barrier import Barrier
+from clfcbf.constraints.bearing import bearing_rows, paper_row
+from clfcbf.constraints.cbf import (
+    Edge,
+    FieldOfViewBarrier,
+    camera_edges,
+    edge_rows,
+    half_plane_rows,
+)
+from clfcbf.constraints.rows import Priority, Rows
+from clfcbf.errors import ConfigurationError, GeometryError
+from clfcbf.scene import Scene
+from clfcbf.se2 import Point, Pose2, Twist, arc
+
+PHI = math.radians(35.0)
+AHEAD = FieldOfView(PHI, Pose2(0.2, 0.0, 0.0))
+SKEWED = FieldOfView(0.7, Pose2(0.2, -0.1, 0.4))
+GAIN = 1.7
+
+coordinate = st.floats(-3.0, 3.0)
+points = st.tuples(coordinate, coordinate)
+twists = st.builds(Twist, st.floats(-0.5, 0.5), st.floats(-1.0, 1.0))
+velocities = st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3))
+cameras = st.builds(
+    FieldOfView,
+    st.floats(0.1, 1.5),
+    st.builds(Pose2, st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-3.0, 3.0)),
+)
+headings = st.floats(-math.pi, math.pi)
+
+
+def ray(origin: Point, angle: float, distance: float) -> Point:
+    return origin[0] + distance * math.cos(angle), origin[1] + distance * math.sin(angle)
+
+
+def derivative(function: Callable[[float], float], step: float = 1e-3) -> float:
+    """Central difference of order six."""
+    weights = ((1, 45.0), (2, -9.0), (3, 1.0))
+    return sum(w * (function(k * step) - function(-k * step)) for k, w in weights) / (60.0 * step)
+
+
+def seen(point: Point, velocity: Point, twist: Twist, time: float) -> Point:
+    """The point after the robot moved along its arc and the point along its own line."""
+    x, y = point[0] + velocity[0] * time, point[1] + velocity[1] * time
+    return arc(twist, time).seen((x, y))
+
+
+def assert_rates(
+    rows: Rows,
+    values: Callable[[Point], tuple[float, ...]],
+    point: Point,
+    velocity: Point,
+    twist: Twist,
+    gain: float,
+) -> None:
+    """Every row reads -h' <= gain h, with h and h' computed from the motion itself."""
+    assert rows.priority == Priority.SAFETY
+    assert rows.values == pytest.approx(values(point), rel=1e-11, abs=1e-12)
+    for index, (a_v, a_w, b) in enumerate(rows.coefficients):
+        rate = derivative(lambda t, i=index: values(seen(point, velocity, twist, t))[i])
+        excess = a_v * twist.v + a_w * twist.omega - b
+        assert excess == pytest.approx(-rate - gain * rows.values[index], rel=1e-7, abs=1e-8)
+
+
+@given(camera=cameras, point=points, velocity=velocities, twist=twists, share=st.floats(0.0, 0.9))
+def test_edge_rows_are_rates_of_the_distance_to_an_edge(
+    camera: FieldOfView, point: Point, velocity: Point, twist: Twist, share: float
+) -> None:
+    margin = share * camera.half_angle
+
+    def distances(p: Point) -> tuple[float, float]:
+        """Distance at the camera times the sine of the angle to each edge."""
+        x, y = camera.camera.seen(p)
+        rho, phi, half = math.hypot(x, y), math.atan2(y, x), camera.half_angle - margin
+        return rho * math.sin(half - phi), rho * math.sin(half + phi)
+
+    rows = edge_rows(point, camera, GAIN, margin, velocity)
+    assert rows.names == ("fov.left", "fov.right")
+    assert_rates(rows, distances, point, velocity, twist, GAIN)
+
+
+@given(
+    camera=cameras,
+    distance=st.floats(0.3, 3.0),
+    phi=st.floats(-2.5, 2.5),
+    velocity=velocities,
+    twist=twists,
+    share=st.floats(0.0, 0.9),
+)
+def test_bearing_rows_are_rates_of_the_bearing(
+    camera: FieldOfView,
+    distance: float,
+    phi: float,
+    velocity: Point,
+    twist: Twist,
+    share: float,
+) -> None:
+    margin = share * camera.half_angle
+    point = camera.camera.transform(ray((0.0, 0.0), phi, distance))
+
+    def angles(p: Point) -> tuple[float, float]:
+        x, y = camera.camera.seen(p)
+        half = camera.half_angle - margin
+        return half - math.atan2(y, x), half + math.atan2(y, x)
+
+    rows = bearing_rows(point, camera, GAIN, margin, velocity)
+    assert_rates(rows, angles, point, velocity, twist, GAIN)
+
+
+@given(rho=st.floats(0.3, 3.0), phi=st.floats(-2.5, 2.5), velocity=velocities, twist=twists)
+def test_paper_row_is_the_rate_of_its_function(
+    rho: float, phi: float, velocity: Point, twist: Twist
+) -> None:
+    point = ray((0.0, 0.0), phi, rho)
+
+    def squares(p: Point) -> tuple[float]:
+        return (0.5 * (PHI**2 - math.atan2(p[1], p[0]) ** 2),)
+
+    assert_rates(paper_row(point, PHI, GAIN, velocity), squares, point, velocity, twist, GAIN)
+
+
+@given(point=points, twist=twists)
+def test_paper_row_as_printed(point: Point, twist: Twist) -> None:
+    x, y = point
+    assume(math.hypot(x, y) > 0.1)
+    phi, square = math.atan2(y, x), x * x + y * y
+    printed = phi / square * ((y * y * twist.omega - y * twist.v) + x * x * twist.omega)
+    ((a_v, a_w, b),) = paper_row(point, PHI, GAIN).coefficients
+    assert b - a_v * twist.v - a_w * twist.omega == pytest.approx(
+        printed + GAIN * 0.5 * (PHI**2 - phi**2), rel=1e-10, abs=1e-12
+    )
+
+
+@given(
+    rho=st.floats(0.3, 3.0),
+    phi=st.floats(-2.5, 2.5),
+    heading=headings,
+    speed=st.floats(-0.3, 0.3),
+    twist=twists,
+)
+def test_target_that_drives(
+    rho: float, phi: float, heading: float, speed: float, twist: Twist
+) -> None:
+    """phi' gains (v_T / rho) sin(theta_T - phi) from a target that drives along its heading."""
+    point = ray((0.0, 0.0), phi, rho)
+    velocity = (speed * math.cos(heading), speed * math.sin(heading))
+    rate = twist.v / rho * math.sin(phi) - twist.omega + speed / rho * math.sin(heading - phi)
+    camera = FieldOfView(PHI)
+    (left, right) = bearing_rows(point, camera, GAIN, 0.0, velocity).coefficients
+    ((a_v, a_w, b),) = paper_row(point, PHI, GAIN, velocity).coefficients
+    for (c_v, c_w, d), expected in (
+        (left, rate - GAIN * (PHI - phi)),
+        (right, -rate - GAIN * (PHI + phi)),
+        ((a_v, a_w, b), phi * rate - GAIN * 0.5 * (PHI**2 - phi**2)),
+    ):
+        assert c_v * twist.v + c_w * twist.omega - d == pytest.approx(
+            expected, rel=1e-10, abs=1e-12
+        )
+
+
+@given(camera=cameras, point=points)
+def test_both_edges_together_are_the_view(camera: FieldOfView, point: Point) -> None:
+    margin = camera.margin(point)
+    assume(abs(margin) > 1e-9 and math.dist(point, camera.camera[:2]) > 1e-6)
+    assert (min(edge_rows(point, camera, GAIN).values) > 0.0) == (margin > 0.0)
+
+
+@given(
+    camera=cameras,
+    share=st.floats(-1.0, 1.0),
+    distance=st.floats(0.0, 3.0),
+    gain=st.floats(0.1, 10.0),
+)
+def test_standing_still_is_admissible_inside(
+    camera: FieldOfView, share: float, distance: float, gain: float
+) -> None:
+    point = camera.camera.transform(ray((0.0, 0.0), share * camera.half_angle, distance))
+    assert min(edge_rows(point, camera, gain).b) >= -1e-12 * gain * (1.0 + distance)
+    if distance > 1e-6:
+        assert min(bearing_rows(point, camera, gain).b) >= -1e-9 * gain
+
+
+@given(
+    offset=st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3)),
+    half_angle=st.floats(0.1, 1.5),
+    point=points,
+    twist=twists,
+)
+def test_two_edges_bound_the_speed(
+    offset: Point, half_angle: float, point: Point, twist: Twist
+) -> None:
+    """The mean of the two rows over sin(Phi) is v <= gain (x - c_x) + omega y."""
+    camera = FieldOfView(half_angle, Pose2(*offset, 0.0))
+    (left, right) = edge_rows(point, camera, GAIN).coefficients
+    total = [(p + q) / (2.0 * math.sin(half_angle)) for p, q in zip(left, right, strict=True)]
+    x, y = point
+    assert total == pytest.approx((1.0, -y, GAIN * (x - offset[0])), rel=1e-9, abs=1e-9)
+    if all(row[0] * twist.v + row[1] * twist.omega <= row[2] for row in (left, right)):
+        assert twist.v <= GAIN * (x - offset[0]) + twist.omega * y + 1e-9
+
+
+@given(point=points, twist=twists, velocity=velocities)
+def test_mirror_image(point: Point, twist: Twist, velocity: Point) -> None:
+    x, y = point
+    assume(math.hypot(x, y) > 0.1)
+    assume(abs(y) > 1e-9 or x > 0.0)  # straight behind, the tie is broken to one side
+    mirrored, drifting = (x, -y), (velocity[0], -velocity[1])
+    for build in (edge_rows, bearing_rows):
+        camera = FieldOfView(PHI)
+        (left, right) = build(point, camera, GAIN, 0.1, velocity).coefficients
+        (m_left, m_right) = build(mirrored, camera, GAIN, 0.1, drifting).coefficients
+        assume(y != 0.0 or x > 0.0)  # atan2 breaks the tie straight behind to one side
+        assert m_right == pytest.approx((left[0], -left[1], left[2]), rel=1e-12, abs=1e-14)
+        assert m_left == pytest.approx((right[0], -right[1], right[2]), rel=1e-12, abs=1e-14)
+
+
+def test_smooth_through_the_apex_where_the_bearing_is_not() -> None:
+    apex = (AHEAD.camera.x, AHEAD.camera.y)
+    assert edge_rows(apex, AHEAD, GAIN).values == pytest.approx((0.0, 0.0), abs=1e-16)
+    rates = np.array(edge_rows(apex, AHEAD, GAIN).coefficients)
+    for angle in np.linspace(-3.0, 3.0, 13):
+        near = edge_rows(ray(apex, float(angle), 1e-9), AHEAD, GAIN).coefficients
+        assert np.abs(np.array(near) - rates).max() < 5e-9
+    with pytest.raises(GeometryError, match="bearing"):
+        bearing_rows(apex, AHEAD, GAIN)
+    with pytest.raises(GeometryError, match="bearing"):
+        paper_row((0.0, 0.0), PHI, GAIN)
+
+
+@given(
+    camera=cameras,
+    left=st.floats(0.1, 1.4),
+    right=st.floats(0.1, 1.4),
+    angle=headings,
+    distance=st.floats(0.1, 3.0),
+)
+def test_unequal_edges(
+    camera: FieldOfView, left: float, right: float, angle: float, distance: float
+) -> None:
+    x, y, yaw = camera.camera
+    edges = (
+        Edge.through((x, y), yaw + left, inward=-1.0),
+        Edge.through((x, y), yaw - right, inward=+1.0),
+    )
+    assume(min(abs(angle - left), abs(angle + right)) > 1e-6)
+    assume(math.pi - abs(angle) > 1e-6)
+    point = ray((x, y), yaw + angle, distance)
+    values = half_plane_rows(("l", "r"), edges, (point,), GAIN).values
+    assert (min(values) > 0.0) == (-right < angle < left)
+
+
+@given(point=points, margin=st.floats(0.01, 0.5))
+def test_margin_is_a_narrower_camera(point: Point, margin: float) -> None:
+    narrower = FieldOfView(AHEAD.half_angle - margin, AHEAD.camera)
+    assert edge_rows(point, AHEAD, GAIN, margin) == edge_rows(point, narrower, GAIN)
+    scene = scene_of(Pose2(*point, 0.0))
+    free, kept = FieldOfViewBarrier(AHEAD, GAIN), FieldOfViewBarrier(AHEAD, GAIN, margin)
+    assert kept.clearance(scene) == pytest.approx(free.clearance(scene) - margin, abs=1e-15)
+    ahead = point[0] > AHEAD.camera.x
+    if ahead:
+        assert min(kept.rows(scene).values) < min(free.rows(scene).values)
+
+
+def scene_of(feature: Pose2) -> Scene:
+    return Scene(Pose2(1.0, 0.0, 0.0), feature, 0.0)
+
+
+@given(camera=cameras, point=points, margin=st.floats(0.0, 0.05))
+def test_barrier_of_a_point_is_edge_rows(camera: FieldOfView, point: Point, margin: float) -> None:
+    barrier = FieldOfViewBarrier(camera, GAIN, margin)
+    assert isinstance(barrier, Barrier)
+    scene = scene_of(Pose2(*point, math.nan))
+    assert barrier.rows(scene) == edge_rows(point, camera, GAIN, margin)
+    assert barrier.clearance(scene) == camera.margin(point) - margin
+
+
+@given(
+    x=st.floats(0.7, 3.0),
+    y=st.floats(-2.0, 2.0),
+    heading=headings,
+    width=st.floats(0.01, 0.9),
+    margin=st.floats(0.0, 0.1),
+)
+def test_both_ends_of_a_board_stand_for_all_of_it(
+    x: float, y: float, heading: float, width: float, margin: float
+) -> None:
+    camera = FieldOfView(PHI, AHEAD.camera, width)
+    barrier = FieldOfViewBarrier(camera, GAIN, margin)
+    scene = scene_of(Pose2(x, y, heading))
+    board = [
+        (x - k * width * math.sin(heading), y + k * width * math.cos(heading))
+        for k in np.linspace(-0.5, 0.5, 41).tolist()
+    ]
+    bearings = [abs(math.atan2(p[1], p[0] - AHEAD.camera.x)) for p in board]
+    clearance = barrier.clearance(scene)
+    assert clearance == pytest.approx(PHI - margin - max(bearings), abs=1e-12)
+    rows = barrier.rows(scene)
+    assert rows.names == (
+        "fov.left.left_end",
+        "fov.right.left_end",
+        "fov.left.right_end",
+        "fov.right.right_end",
+    )
+    if abs(clearance) > 1e-9:
+        assert (min(rows.values) > 0.0) == (clearance > 0.0)
+    left_end, right_end = board[-1], board[0]
+    expected = [
+        *edge_rows(left_end, camera, GAIN, margin).coefficients,
+        *edge_rows(right_end, camera, GAIN, margin).coefficients,
+    ]
+    for got, wanted in zip(rows.coefficients, expected, strict=True):
+        assert got == pytest.approx(wanted, rel=1e-12, abs=1e-13)
+
+
+@given(margin=st.floats(1e-6, 0.5))
+def test_board_fits_from_half_its_width_over_the_tangent(margin: float) -> None:
+    width = 0.5
+    barrier = FieldOfViewBarrier(FieldOfView(PHI, width=width), GAIN)
+    nearest = 0.5 * width / math.tan(PHI)
+    assert barrier.clearance(scene_of(Pose2(nearest + margin, 0.0, 0.0))) > 0.0
+    assert barrier.clearance(scene_of(Pose2(nearest - min(margin, 0.3), 0.0, 0.0))) < 0.0
+
+
+def worst_admissible(
+    rng: np.random.Generator, rows: Rows | None, point: Point, side: float
+) -> Twist:
+    """Of many commands, the admissible one that drives the point out fastest; else standstill."""
+    v, omega = rng.uniform(-0.22, 0.22, 60), rng.uniform(-0.4, 0.4, 60)
+    v[:4], omega[:4] = (0.22, 0.22, -0.22, -0.22), (0.4, -0.4, 0.4, -0.4)
+    kept = np.ones(60, dtype=bool)
+    if rows is not None:
+        load = rows.A @ np.vstack((v, omega))
+        kept = (load <= rows.b[:, None]).all(axis=0)
+    if not kept.any():
+        return Twist(0.0, 0.0)
+    # Bearing rate times range, positive to the left.
+    outward = side * (v * point[1] - omega * (point[0] ** 2 + point[1] ** 2))
+    best = int(np.argmax(np.where(kept, outward, -np.inf)))
+    return Twist(float(v[best]), float(omega[best]))
+
+
+@pytest.mark.parametrize("width", [0.0, 0.4])
+@pytest.mark.parametrize("camera", [AHEAD, SKEWED])
+def test_no_admissible_command_leaves_the_view(camera: FieldOfView, width: float) -> None:
+    r"""Forward invariance against an adversary that takes the worst command the rows admit.
+
+    A command held for T loses at most T² M / 2 against the rate at its start, with
+    M = omega² rho + omega v the largest second derivative, so h >= -T M / (2 gain).
+    """
+    period, gain, rng = 2e-3, 1.5, np.random.default_rng(7)
+    board = FieldOfView(camera.half_angle, camera.camera, width)
+    barrier = FieldOfViewBarrier(board, gain)
+    lowest, free = math.inf, math.inf
+    for _ in range(6):
+        angle, distance = float(rng.uniform(-0.2, 0.2)), float(rng.uniform(1.0, 2.0))
+        start = camera.camera.compose(Pose2(*ray((0.0, 0.0), angle, distance), 0.3))
+        side = float(rng.choice((-1.0, 1.0)))
+        for keep in (True, False):
+            feature = start
+            for _ in range(700):
+                rows = barrier.rows(scene_of(feature)) if keep else None
+                twist = worst_admissible(rng, rows, (feature.x, feature.y), side)
+                feature = arc(twist, period).relative(feature)
+                least = min(barrier.rows(scene_of(feature)).values)
+                if keep:
+                    lowest = min(lowest, least)
+                else:
+                    free = min(free, least)
+    bound = period * (0.4**2 * 3.0 + 0.4 * 0.22) / (2.0 * gain)
+    assert lowest >= -bound
+    assert lowest <= 1e-3, "the adversary never came near the edge"
+    assert free < -0.1, "the adversary cannot leave the view even without the rows"
+
+
+@given(rho=st.floats(0.5, 3.0), phi=st.floats(0.05, PHI))
+def test_effective_gain_of_the_papers_function(rho: float, phi: float) -> None:
+    """Its bound on the outward bearing rate falls with slope gain (PHI² + phi²) / (2 phi²)."""
+
+    def bound(angle: float) -> float:
+        ((_, a_w, b),) = paper_row(ray((0.0, 0.0), angle, rho), PHI, GAIN).coefficients
+        return b / -a_w  # at v = 0 the outward rate is -omega
+
+    slope = derivative(lambda t: bound(phi + t))
+    assert -slope == pytest.approx(GAIN * (PHI**2 + phi**2) / (2.0 * phi**2), rel=1e-6)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_points_that_are_not_finite(bad: float) -> None:
+    for point in ((bad, 0.1), (1.0, bad)):
+        for build in (edge_rows, bearing_rows):
+            with pytest.raises(GeometryError, match="finite"):
+                build(point, AHEAD, GAIN)
+        with pytest.raises(GeometryError, match="finite"):
+            paper_row(point, PHI, GAIN)
+        barrier = FieldOfViewBarrier(AHEAD, GAIN)
+        for method in (barrier.rows, barrier.clearance):
+            with pytest.raises(GeometryError, match="finite"):
+                method(scene_of(Pose2(*point, 0.0)))
+    with pytest.raises(GeometryError, match="velocity"):
+        edge_rows((1.0, 0.0), AHEAD, GAIN, 0.0, (bad, 0.0))
+    board = FieldOfViewBarrier(FieldOfView(PHI, width=0.5), GAIN)
+    with pytest.raises(GeometryError, match="heading"):
+        board.rows(scene_of(Pose2(1.0, 0.0, bad)))
+    with pytest.raises(GeometryError, match="heading"):
+        board.clearance(Scene(Pose2(1.0, 0.0, 0.0), (1.0, 0.0), 0.0))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf])
+def test_gain_out_of_range(bad: float) -> None:
+    for build in (edge_rows, bearing_rows):
+        with pytest.raises(ConfigurationError, match="gain"):
+            build((1.0, 0.0), AHEAD, bad)
+    with pytest.raises(ConfigurationError, match="gain"):
+        paper_row((1.0, 0.0), PHI, bad)
+    with pytest.raises(ConfigurationError, match="gain"):
+        FieldOfViewBarrier(AHEAD, bad)
+
+
+@pytest.mark.parametrize("bad", [-0.01, PHI, 2.0, math.nan])
+def test_margin_out_of_range(bad: float) -> None:
+    for build in (edge_rows, bearing_rows):
+        with pytest.raises(ConfigurationError, match=r"margin must be in \[0, half_angle\)"):
+            build((1.0, 0.0), AHEAD, GAIN, bad)
+    with pytest.raises(ConfigurationError, match="margin"):
+        FieldOfViewBarrier(AHEAD, GAIN, bad)
+    with pytest.raises(ConfigurationError, match="margin"):
+        camera_edges(AHEAD, bad)
+
+
+@pytest.mark.parametrize("bad", [0.0, -0.1, 4.0, math.nan])
+def test_half_angle_out_of_range(bad: float) -> None:
+    with pytest.raises(ConfigurationError, match="half_angle"):
+        paper_row((1.0, 0.0), bad, GAIN)
+
+
+def test_cameras_have_names_of_their_own() -> None:
+    rear = FieldOfViewBarrier(FieldOfView(PHI, Pose2(-0.2, 0.0, math.pi)), GAIN, name="rear")
+    assert rear.rows(scene_of(Pose2(-2.0, 0.1, math.pi))).names == ("rear.left", "rear.right")
+    assert rear.clearance(scene_of(Pose2(-2.0, 0.0, math.pi))) == pytest.approx(PHI)
