@@ -32,10 +32,16 @@ from clfcbf.safety_filter import (
     scene_now,
     stop,
 )
-from clfcbf.scene import Reference, Scene
+from clfcbf.scene import Observation, Reference, Scene
 from clfcbf.se2 import Twist, is_finite
 
-__all__ = ["DockingController", "TrackingConfig", "TrackingController", "TrackingInputs", "tracking_tick"]
+__all__ = [
+    "DockingController",
+    "TrackingConfig",
+    "TrackingController",
+    "TrackingInputs",
+    "tracking_tick",
+]
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ class Status(Enum):
     NO_TARGET = "no target"
     """The target has not been seen yet: standing, or braking."""
     OUT_OF_VIEW = "out of view"
-    """The feature is behind the camera, where its barrier is undefined: braking."""
+    """A barrier is violated: turning back toward it, or braking where it is behind the camera."""
     INVALID_INPUT = "invalid input"
     """An input was not finite: braking on what was known before."""
     CLOCK_ERROR = "clock error"
@@ -47,7 +47,6 @@ _FAULTS = frozenset(
     {
         Status.STALE,
         Status.NO_TARGET,
-        Status.OUT_OF_VIEW,
         Status.INVALID_INPUT,
         Status.CLOCK_ERROR,
         Status.SOLVER_FAILED,

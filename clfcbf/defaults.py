@@ -126,6 +126,12 @@ OFF_COURSE = 0.08
 OFF_COURSE_THETA = 0.35
 """[rad] As above, for the heading."""
 
+PAPER_STRETCHES = (1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 6.0, 8.0)
+"""Durations tried for the paper's quintic, in units of that of a straight line."""
+
+PAPER_WAIT = 5.0
+"""[s] After the end of the paper's trajectory, for its tracker to catch up."""
+
 NOISE = NoiseModel(
     sigma_xy=0.008,
     sigma_theta=0.01,

@@ -22,12 +22,11 @@ from clfcbf.safety_filter import Begun, FilterConfig, FilterState, begin, finish
 from clfcbf.scene import Observation, Scene
 from clfcbf.se2 import Pose2, Twist, is_finite
 from clfcbf.trajectories.build import arc_path
-from clfcbf.trajectories.following import Following, FollowingGains, follow
+from clfcbf.trajectories.following import Following, FollowingGains, at_rest, follow
 from clfcbf.trajectories.legs import Leg, Path
 from clfcbf.trajectories.planner import Planner
-from clfcbf.trajectories.rollout import at_rest
 
-__all__ = ["DockingConfig", "DockingInputs", "DockingState", "docking_tick"]
+__all__ = ["DockingConfig", "DockingInputs", "DockingState", "docking_tick", "observed"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +62,6 @@ class DockingConfig:
     law: Kanayama = field(init=False)
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.standoff) and self.standoff > self.camera.camera.x):
-            raise ConfigurationError(
-                "standoff must be finite and put the feature ahead of the camera "
-                f"(> {self.camera.camera.x} m), got {self.standoff!r}"
-            )
         for name in ("lateral_tolerance", "patience", "give_up"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
@@ -122,7 +116,7 @@ def docking_tick(
     if begun.fault is not None:
         return _stopped(config, state, begun, begun.fault)
     elapsed = begun.reckoning.time - before.time if before is not None else 0.0
-    state, fault = _observed(config, state, begun, observation, elapsed)
+    state, fault = observed(config, state, begun, observation, elapsed)
     if state.phase in (Phase.DONE, Phase.FAILED):
         return _stopped(config, state, begun, Status.OPTIMAL)
     if fault is not None:
@@ -165,7 +159,7 @@ def _stopped(
     return decision._replace(done=done, phase=state.phase, reason=state.reason), state
 
 
-def _observed(
+def observed(
     config: DockingConfig,
     state: DockingState,
     begun: Begun,
@@ -196,16 +190,16 @@ def _observed(
 
 
 def _unsound(config: DockingConfig, observation: Observation, now: float) -> Status | None:
-    values = (*observation.goal, *observation.feature, observation.stamp)
-    if observation.covariance is not None:
-        values += tuple(x for row in observation.covariance for x in row)
-    if not is_finite(values):
+    values = [*observation.goal, *observation.feature, observation.stamp]
+    for row in observation.covariance or ():
+        values += row
+    if not is_finite(tuple(values)):
         return Status.INVALID_INPUT
     if observation.stamp > now + config.filter.period:
         return Status.CLOCK_ERROR
     if now - observation.stamp > config.patience:
         return Status.STALE
-    if abs(config.camera.bearing(observation.feature)) >= 0.5 * math.pi:
+    if abs(config.camera.bearing((observation.feature[0], observation.feature[1]))) >= 0.5 * math.pi:
         return Status.OUT_OF_VIEW
     return None
 

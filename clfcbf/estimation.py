@@ -142,9 +142,9 @@ class TargetEstimate(NamedTuple):
     candidate: Pose2 | None = None
 
 
-def grown(estimate: TargetEstimate, body: Twist, duration: float, model: NoiseModel, at: Pose2) -> (
-    TargetEstimate
-):
+def grown(
+    estimate: TargetEstimate, body: Twist, duration: float, model: NoiseModel, at: Pose2
+) -> TargetEstimate:
     """The estimate after the robot moved for ``duration``: slip makes it less certain.
 
     The uncertainty enters at the robot (``at``), so a wrong turn moves a far goal sideways.

@@ -18,8 +18,10 @@ a recomputed :math:`N` fails to drop by one in some brakes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import Enum
 from typing import NamedTuple
 
 from clfcbf.constraints.barrier import Barrier
@@ -28,9 +30,12 @@ from clfcbf.limits import InputBox, Limits, check_period
 from clfcbf.scene import Scene
 from clfcbf.se2 import Pose2, Twist, arc
 
-__all__ = ["Brake", "Guard", "Guarded", "moved_scene"]
+__all__ = ["Brake", "Guard", "Guarded", "Verdict", "moved_scene"]
 
 _REST = Twist(0.0, 0.0)
+
+ROUNDING = 1e-12
+"""[m/s, rad/s] What a brake may stick out of the input box by arithmetic alone."""
 
 _FALLBACKS = (0.75, 0.5, 0.25)
 """Shares of the way from the brake to the wanted command that are tried in between."""
@@ -49,17 +54,24 @@ class Brake(NamedTuple):
         return Brake(self.twist.scaled(1.0 - 1.0 / self.ticks), self.ticks - 1)
 
 
+class Verdict(Enum):
+    """What the guard did with a command."""
+
+    ADMITTED = "admitted"
+    REPLACED = "replaced"
+    BRAKED = "braked"
+
+
 class Guarded(NamedTuple):
     """What the guard lets through.
 
-    ``admitted`` says that the wanted command itself went through; ``certified`` that the one
-    sent has a brake that was verified or is the countdown of one that was. ``clearance`` is
-    the smallest one now.
+    ``certified`` says that the command sent has a brake that was verified or is the countdown
+    of one that was; ``clearance`` is the smallest one now.
     """
 
     twist: Twist
     brake: Brake
-    admitted: bool
+    verdict: Verdict
     certified: bool
     clearance: float
 
@@ -114,9 +126,9 @@ class Guard:
         motion = arc(twist, 0.5 * self.period * (ticks + 1))
         return self.clearance(moved_scene(coasted, motion)) >= floor
 
-    def filter(self, wanted: Twist, scene: Scene, body: Twist, box: InputBox, brake: Brake) -> (
-        Guarded
-    ):
+    def filter(
+        self, wanted: Twist, scene: Scene, body: Twist, box: InputBox, brake: Brake
+    ) -> Guarded:
         """The admissible command nearest to ``wanted`` among a few, else the certified brake.
 
         Parameters
@@ -131,29 +143,30 @@ class Guard:
         -----
         Outside the safe set (found there, or put there by a nudge) the clearance to be kept is
         the one there is: what does not make things worse is admissible, so the robot can turn
-        back.
+        back. Where no barrier says which way back is (minus infinity) it brakes.
         """
         coasted = moved_scene(scene, arc(body, self.lag))
         clearance = self.clearance(scene)
         floor = min(0.0, clearance)
-        if self.admissible(coasted, floor, wanted):
-            ticks = self.limits.brake_ticks(wanted, self.period)
-            return Guarded(wanted, Brake(wanted, ticks), True, True, clearance)
         last = brake.next()
         safe = box.clip(last.twist)
-        for candidate in self._between(safe, wanted, box):
-            if self.admissible(coasted, floor, candidate):
-                ticks = self.limits.brake_ticks(candidate, self.period)
-                return Guarded(candidate, Brake(candidate, ticks), False, True, clearance)
+        if clearance > -math.inf:
+            for verdict, candidate in _candidates(wanted, safe, box):
+                if self.admissible(coasted, floor, candidate):
+                    ticks = self.limits.brake_ticks(candidate, self.period)
+                    return Guarded(candidate, Brake(candidate, ticks), verdict, True, clearance)
         # Outside the box the chassis did not follow the brake: its certificate is void.
-        certified = safe == last.twist
+        certified = box.contains(last.twist, ROUNDING)
         kept = last if certified else Brake(safe, self.limits.brake_ticks(safe, self.period))
-        return Guarded(safe, kept, False, certified, clearance)
+        return Guarded(safe, kept, Verdict.BRAKED, certified, clearance)
 
-    def _between(self, safe: Twist, wanted: Twist, box: InputBox) -> Sequence[Twist]:
-        v, omega = safe
-        dv, dw = wanted[0] - v, wanted[1] - omega
-        candidates = [Twist(v + share * dv, omega + share * dw) for share in _FALLBACKS]
-        candidates.append(Twist(v, wanted[1]))
-        candidates.append(Twist(wanted[0], omega))
-        return [box.clip(candidate) for candidate in candidates]
+
+def _candidates(wanted: Twist, safe: Twist, box: InputBox) -> Iterator[tuple[Verdict, Twist]]:
+    """The wanted command, then commands ever closer to the brake, all inside the box."""
+    yield Verdict.ADMITTED, wanted
+    v, omega = safe
+    dv, dw = wanted[0] - v, wanted[1] - omega
+    for share in _FALLBACKS:
+        yield Verdict.REPLACED, box.clip(Twist(v + share * dv, omega + share * dw))
+    yield Verdict.REPLACED, box.clip(Twist(v, wanted[1]))
+    yield Verdict.REPLACED, box.clip(Twist(wanted[0], omega))

@@ -28,7 +28,7 @@ from clfcbf.constraints.rows import Priority, Row, Rows
 from clfcbf.decision import Decision, Status
 from clfcbf.errors import ConfigurationError, GeometryError
 from clfcbf.estimation import DeadReckoning, advance, coast, motion_since
-from clfcbf.guard import Brake, Guard, Guarded, moved_scene
+from clfcbf.guard import ROUNDING, Brake, Guard, Guarded, Verdict, moved_scene
 from clfcbf.limits import InputBox, Limits, check_period
 from clfcbf.qp import check_weight, get_backend, solve_ladder
 from clfcbf.qp.exact import LexicographicSolution
@@ -143,7 +143,7 @@ def stop(begun: Begun, status: Status, config: FilterConfig) -> tuple[Decision, 
     """End a tick without a usable scene: the certified brake, inside the input box."""
     brake = begun.brake.next()
     twist = begun.box.clip(brake.twist)
-    certified = twist == brake.twist
+    certified = begun.box.contains(brake.twist, ROUNDING)
     if not certified:
         brake = Brake(twist, config.limits.brake_ticks(twist, config.period))
     decision = Decision(twist, status, certified, twist, math.nan, box=begun.box)
@@ -163,7 +163,7 @@ def finish(
     """
     ahead = moved_scene(scene, coast(begun.reckoning.body, config.lag))
     try:
-        rows = tuple(barrier.rows(ahead) for barrier in config.barriers)
+        rows = tuple([barrier.rows(ahead) for barrier in config.barriers])
     except GeometryError:
         return stop(begun, Status.INVALID_INPUT, config)
     blocks = (*rows, *wishes)
@@ -217,9 +217,10 @@ def _verified(answer: LexicographicSolution, box: InputBox, levels: list[list[Ro
 def _status(outcome: Guarded, slack: float, barrier_slack: float) -> Status:
     if outcome.clearance < 0.0:
         return Status.OUT_OF_VIEW
-    if not outcome.admitted:
-        braking = outcome.twist == outcome.brake.twist
-        return Status.BRAKING if braking else Status.GUARDED
+    if outcome.verdict is Verdict.BRAKED:
+        return Status.BRAKING
+    if outcome.verdict is Verdict.REPLACED:
+        return Status.GUARDED
     if barrier_slack > _TOLERANCE:
         return Status.BARRIER_RELAXED
     return Status.RELAXED if slack > _TOLERANCE else Status.OPTIMAL
@@ -315,9 +316,7 @@ class SafetyFilter:
         patience: float = defaults.PATIENCE,
     ) -> None:
         made = as_barriers(barriers, limits, check_period(period), guard_lag)
-        self.config = FilterConfig(
-            limits, made, period, backend, weight, lag, guard_lag, patience
-        )
+        self.config = FilterConfig(limits, made, period, backend, weight, lag, guard_lag, patience)
         self.state = FilterState()
 
     def filter(self, nominal: Twist, scene: Scene, applied: Twist, now: float) -> Decision:

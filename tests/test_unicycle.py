@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from clfcbf.errors import GeometryError
@@ -40,6 +40,7 @@ def seen_after(body, body_twist, observer_twist, t):
     return arc(observer_twist, t).relative(body.compose(arc(body_twist, t)))
 
 
+@settings(deadline=None)
 @given(poses, twists, twists)
 def test_tracking_error_is_the_derivative_of_exact_motion(error, reference, twist):
     rate = tracking_error(error, reference).rate(twist)
@@ -47,6 +48,7 @@ def test_tracking_error_is_the_derivative_of_exact_motion(error, reference, twis
     assert rate == pytest.approx(difference(*ends, {2}), abs=1e-8)
 
 
+@settings(deadline=None)
 @given(poses, twists, twists)
 def test_relative_pose_is_the_derivative_of_exact_motion(pose, observer, twist):
     rate = relative_pose(pose, observer).rate(twist)
@@ -54,6 +56,7 @@ def test_relative_pose_is_the_derivative_of_exact_motion(pose, observer, twist):
     assert rate == pytest.approx(difference(*ends, {2}), abs=1e-8)
 
 
+@settings(deadline=None)
 @given(poses, twists, twists)
 def test_observer_and_body_are_two_readings_of_one_equation(pose, observer, body):
     one = tracking_error(pose, body).rate(observer)
@@ -61,6 +64,7 @@ def test_observer_and_body_are_two_readings_of_one_equation(pose, observer, body
     assert one == pytest.approx(other, abs=1e-14)
 
 
+@settings(deadline=None)
 @given(metre, metre, speed, speed, twists)
 def test_seen_point_also_of_a_moving_point(x, y, vx, vy, twist):
     rate = seen_point((x, y), (vx, vy)).rate(twist)
@@ -68,6 +72,7 @@ def test_seen_point_also_of_a_moving_point(x, y, vx, vy, twist):
     assert rate == pytest.approx(difference(*ends, set()), abs=1e-8)
 
 
+@settings(deadline=None)
 @given(poses, twists, twists)
 def test_polar_also_of_a_moving_target(target, target_twist, twist):
     assume(math.hypot(target.x, target.y) > 0.2)
@@ -76,6 +81,7 @@ def test_polar_also_of_a_moving_target(target, target_twist, twist):
     assert rate == pytest.approx(difference(*ends, {1, 2}), abs=1e-6)
 
 
+@settings(deadline=None)
 @given(poses)
 def test_polar_coordinates_round_trip(target):
     assume(math.hypot(target.x, target.y) > 1e-6)
@@ -84,6 +90,7 @@ def test_polar_coordinates_round_trip(target):
     assert wrap_angle(again.theta - target.theta) == pytest.approx(0.0, abs=1e-12)
 
 
+@settings(deadline=None)
 @given(st.floats(0.3, 4.0), angle, twists, speed, speed)
 def test_bearing_acceleration_is_the_derivative_of_the_bearing_rate(rho, phi, twist, a, alpha):
     """Move along the exact arcs for a short time with the twist of each moment."""
@@ -100,6 +107,7 @@ def test_bearing_acceleration_is_the_derivative_of_the_bearing_rate(rho, phi, tw
     assert (rate_at(H) - rate_at(-H)) / (2.0 * H) == pytest.approx(expected, abs=1e-6)
 
 
+@settings(deadline=None)
 @given(poses, twists, twists)
 def test_mirror_image(error, reference, twist):
     def mirrored(values):
@@ -113,6 +121,7 @@ def test_mirror_image(error, reference, twist):
     assert flipped == pytest.approx(mirrored(rate), abs=1e-14)
 
 
+@settings(deadline=None)
 @given(poses, poses, poses, twists, twists)
 def test_frame_of_reference_does_not_matter(frame, robot, target, reference, twist):
     """The rates depend on the relative pose alone, wherever the pair stands."""

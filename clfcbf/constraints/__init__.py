@@ -1,0 +1,1 @@
+"""Constraint builders: typed rows of Lyapunov and barrier functions."""

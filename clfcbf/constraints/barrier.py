@@ -34,4 +34,5 @@ class Barrier(Protocol):
         """Smallest distance to the edge of the safe set, in the barrier's natural unit.
 
         At least 0 exactly where the scene is safe; [rad] for an angle, [m] for a distance.
+        Minus infinity where the rows give no guidance back into the safe set.
         """

@@ -111,7 +111,7 @@ def edge_rows(
     Each row states :math:`\dot h \ge -\lambda h`. Smooth everywhere, the apex included.
 
     Inside the view standing still meets both rows. Together they bound the speed by
-    :math:`v \le \lambda(x - c_x) + \omega(y - c_y)` in the axes of a camera that looks ahead:
+    :math:`v \le \lambda(x - c_x) + \omega y` in the axes of a camera that looks ahead:
     the robot slows down toward the point, unless :math:`\lambda` exceeds its speed over the
     distance.
 
@@ -191,15 +191,18 @@ class FieldOfViewBarrier:
     def clearance(self, scene: Scene) -> float:
         """Angle from the feature to the nearer edge less the margin [rad].
 
-        Negative outside, the smaller of the two ends where the feature has a width. Seen from
-        the camera's own centre the bearing counts as 0.
+        Negative outside, the smaller of the two ends where the feature has a width. Minus
+        infinity behind the camera, from where no row leads back into view. Seen from the
+        camera's own centre the bearing counts as 0.
 
         Raises
         ------
         GeometryError : as ``rows``
         """
         view = self.camera.margin
-        return min([view(point) for point in self._points(scene.feature)]) - self.margin
+        clearance = min([view(point) for point in self._points(scene.feature)])
+        behind = self.camera.half_angle - 0.5 * math.pi
+        return clearance - self.margin if clearance > behind else -math.inf
 
     def _points(self, feature: Pose2) -> tuple[Point, ...]:
         """The points to be kept: the feature's centre, or its left and right end."""

@@ -1,0 +1,1 @@
+"""Nominal laws, each with its Lyapunov function."""

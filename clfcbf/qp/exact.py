@@ -1,182 +1,29 @@
-r"""The safe command nearest to the nominal one, exactly: two inputs, levels of rows.
+"""The exact two-input programs: plain floats in, plain floats out, no solver, no tolerance."""
 
-.. math:: \min_u\ \tfrac12 (u-\bar u)^\top Q (u-\bar u)
-          \quad\text{s.t.}\quad u \in \text{box},\quad a_i^\top u \le b_i + s_{\ell(i)}|a_i|
-
-with :math:`u = (v, \omega)` and the slack of every level as small as the more important levels
-allow, :math:`s_\ell = \min_u \max_{i\in\ell} (a_i^\top u - b_i)^+/|a_i|` (lexicographic
-optimisation, [KerriganMaciejowski2000]_). Rows enter with unit length and a level has one slack,
-so scaling, reordering, repeating or adding inactive rows changes nothing but the last bits.
-
-Plain floats on the way that every tick takes. Where they could not be trusted to 1e-12 (nearly
-parallel rows, sets empty or thin to rounding, badly scaled weights) the same geometry runs
-once more on fractions, which takes a fraction of a millisecond and rounds nothing.
-"""
-
-from __future__ import annotations
-
-import math
-from collections.abc import Sequence
-from typing import NamedTuple
-
-from clfcbf.errors import ConfigurationError
-from clfcbf.qp.polygon import Delicate, box_polygon, relax
-from clfcbf.qp.projection import (
-    NOISE,
-    TRUSTED,
-    Objective,
-    box_scale,
-    ill_conditioned,
-    nearest_on_edge,
-    project,
+from clfcbf.qp.kkt import Multipliers, multipliers
+from clfcbf.qp.lexicographic import (
+    BackendHealth,
+    Box,
+    Level,
+    LexicographicSolution,
+    Row,
+    Weight,
+    check_weight,
+    solve_lexicographic,
 )
-from clfcbf.qp.rational import solve_rational
+from clfcbf.qp.one_shot import PaperSolution, paper_program
 
-__all__ = ["Box", "Level", "LexicographicSolution", "Row", "Weight", "check_weight",
-           "minimise", "solve_lexicographic"]  # fmt: skip
-
-Row = tuple[float, float, float]
-Level = Sequence[Row]
-Weight = tuple[float, float, float]
-Box = tuple[float, float, float, float]
-
-
-class LexicographicSolution(NamedTuple):
-    """The command, and what had to be given up for it.
-
-    Attributes
-    ----------
-    v, omega : the command [m/s], [rad/s]; inside the box to the last bit
-    slacks : one a level, the distance by which its rows had to move [units of the command]
-    violated : indices, counted through all levels, of rows ``(0, 0, b)`` with ``b < 0``, which
-        no command can satisfy and which therefore influence none
-    rational : whether fractions were needed
-    """
-
-    v: float
-    omega: float
-    slacks: tuple[float, ...]
-    violated: tuple[int, ...] = ()
-    rational: bool = False
-
-    @property
-    def relaxed(self) -> bool:
-        """Whether some row does not hold as it was given."""
-        return bool(self.violated) or any(self.slacks)
-
-
-def check_weight(weight: Sequence[float]) -> Weight:
-    r"""Return ``(q11, q12, q22)`` as floats if :math:`Q` is positive definite.
-
-    Raises
-    ------
-    ConfigurationError : not three finite numbers with ``q11 > 0`` and ``q11 q22 > q12**2``
-    """
-    entries = tuple(float(q) for q in weight)
-    if len(entries) == 3 and all(map(math.isfinite, entries)):
-        q11, q12, q22 = entries
-        if q11 > 0.0 and q22 > 0.0 and abs(q12) < math.sqrt(q11) * math.sqrt(q22):
-            return q11, q12, q22
-    raise ConfigurationError(
-        f"weight must be (q11, q12, q22), finite, with q11 > 0 and q11*q22 > q12**2, got {weight!r}"
-    )
-
-
-def solve_lexicographic(
-    weight: Weight, nominal: tuple[float, float], box: Box, levels: Sequence[Level]
-) -> LexicographicSolution | None:
-    """The command nearest to ``nominal`` that gives up as little as it must, in order.
-
-    Parameters
-    ----------
-    weight : ``(q11, q12, q22)``, positive definite (see :func:`check_weight`; not checked here)
-    nominal : ``(v, omega)`` [m/s], [rad/s]
-    box : ``(v_lo, v_hi, w_lo, w_hi)``; equal ends are allowed
-    levels : rows ``(a_v, a_w, b)`` that say ``a_v v + a_w omega <= b``, in levels, the most
-        important level first; never relaxed before a less important one is
-
-    Returns
-    -------
-    The solution, or None where a number is not finite (or overflows) or the box is reversed
-    """
-    n_v, n_w = nominal
-    v_lo, v_hi, w_lo, w_hi = box
-    total = n_v + n_w + v_lo + v_hi + w_lo + w_hi
-    holds = v_lo <= n_v <= v_hi and w_lo <= n_w <= w_hi
-    violated: tuple[int, ...] = ()
-    index = 0
-    for rows in levels:
-        for a_v, a_w, b in rows:
-            residual = a_v * n_v + a_w * n_w - b
-            total += residual
-            if residual > 0.0:
-                if a_v or a_w:
-                    holds = False
-                else:
-                    violated += (index,)
-            index += 1
-    if total - total != 0.0:  # NaN and infinity alike
-        return None
-    if holds:
-        return LexicographicSolution(n_v, n_w, (0.0,) * len(levels), violated)
-    if v_lo > v_hi or w_lo > w_hi:
-        return None
-    q11, q12, q22 = weight
-    objective = Objective(q11, q12, q22, n_v, n_w, 0.0, 0.0, 0.0, 0.0)
-    return minimise(objective, box, levels, violated)
-
-
-def minimise(
-    objective: Objective[float],
-    box: Box,
-    levels: Sequence[Level],
-    violated: tuple[int, ...] = (),
-) -> LexicographicSolution:
-    """:func:`solve_lexicographic` for any :class:`Objective`, on data known to be finite."""
-    try:
-        point = project(objective, box, levels)
-        if point is not None:
-            return LexicographicSolution(*point, (0.0,) * len(levels), violated)
-        return _relaxed(objective, box, levels, violated)
-    except Delicate:
-        v, omega, slacks = solve_rational(objective, box, levels)
-        return LexicographicSolution(v, omega, slacks, violated, True)
-
-
-def _relaxed(
-    objective: Objective[float], box: Box, levels: Sequence[Level], violated: tuple[int, ...]
-) -> LexicographicSolution:
-    """The solution where some level cannot hold: what is left is a segment or a point."""
-    v_lo, v_hi, w_lo, w_hi = box
-    noise = NOISE * box_scale(v_lo, v_hi, w_lo, w_hi)
-    cutting = [
-        [
-            row
-            for row in rows
-            if (row[0] or row[1])
-            and row[0] * (v_hi if row[0] > 0.0 else v_lo)
-            + row[1] * (w_hi if row[1] > 0.0 else w_lo)
-            > row[2] - noise * (abs(row[0]) + abs(row[1]))
-        ]
-        for rows in levels
-    ]
-    polygon, slacks = relax(box_polygon(v_lo, v_hi, w_lo, w_hi), cutting, _unit, noise)
-    if len(polygon) > 2 or abs(objective.n_v) + abs(objective.n_w) > TRUSTED * noise / NOISE:
-        raise Delicate
-    v, w = polygon[0]
-    if len(polygon) == 2:
-        if ill_conditioned(objective.q11, objective.q12, objective.q22):
-            raise Delicate
-        v, w = nearest_on_edge(objective, polygon[0], polygon[1])
-    return LexicographicSolution(
-        v_lo if v < v_lo else v_hi if v > v_hi else v,
-        w_lo if w < w_lo else w_hi if w > w_hi else w,
-        tuple(slacks),
-        violated,
-    )
-
-
-def _unit(row: Row) -> Row:
-    a_v, a_w, b = row
-    length = math.hypot(a_v, a_w)
-    return a_v / length, a_w / length, b / length
+__all__ = [
+    "BackendHealth",
+    "Box",
+    "Level",
+    "LexicographicSolution",
+    "Multipliers",
+    "PaperSolution",
+    "Row",
+    "Weight",
+    "check_weight",
+    "multipliers",
+    "paper_program",
+    "solve_lexicographic",
+]

@@ -19,7 +19,7 @@ __all__ = ["PARALLEL", "TRUSTED", "Delicate", "box_polygon", "clip", "relax"]
 N = TypeVar("N", float, Fraction)
 
 PARALLEL = 2**50
-"""Directions closer than ``1 / PARALLEL`` [rad] are one: their own rounding hides the difference."""
+"""Directions closer than ``1 / PARALLEL`` [rad] are one: rounding hides the difference."""
 
 TRUSTED = 2**10
 """On floats, angles below ``1 / TRUSTED`` [rad] are left to fractions: 2**-52 * TRUSTED < 1e-12."""
@@ -32,7 +32,7 @@ class Delicate(ArithmeticError):  # noqa: N818 (a request for more digits, not a
 def box_polygon(v_lo: N, v_hi: N, w_lo: N, w_hi: N) -> list[tuple[N, N]]:
     """Corners of the box; two or one where it is degenerate."""
     corners = [(v_lo, w_lo), (v_hi, w_lo), (v_hi, w_hi), (v_lo, w_hi)]
-    return _distinct(corners)
+    return corners if v_lo < v_hi and w_lo < w_hi else _distinct(corners)
 
 
 def _distinct(corners: list[tuple[N, N]]) -> list[tuple[N, N]]:
@@ -67,6 +67,8 @@ def clip(polygon: list[tuple[N, N]], row: tuple[N, N, N], noise: N) -> list[tupl
         raise Delicate
     if max(residuals) <= 0:
         return polygon
+    if noise and lowest > 0:
+        return []
     count = len(polygon)
     for i in range(count):
         ri, rj = residuals[i - 1], residuals[i]
@@ -103,8 +105,8 @@ def _lowest_face(
     a, c, b = row
     count = len(polygon)
     values = [a * x + c * y for x, y in polygon]
-    first = last = min(range(count), key=values.__getitem__)
-    lowest = values[first] - b
+    least = min(values)
+    first = last = values.index(least)
     # Slopes, not values, decide ties: along a side of the box their signs carry no rounding.
     for step in (1, -1):
         at = first
@@ -125,8 +127,8 @@ def _lowest_face(
         else:
             first = at
     if first == last:
-        return [polygon[first]], lowest
-    return [polygon[first], polygon[last]], lowest
+        return [polygon[first]], least - b
+    return [polygon[first], polygon[last]], least - b
 
 
 def _least_violation(
@@ -138,6 +140,7 @@ def _least_violation(
     the next row, or the new minimum lies where the next row is the largest [Seidel1991]_.
     With rows of unit length the minimum is attained on a corner or an edge, never on an area.
     """
+    rows = _tightest(rows) if len(rows) > 1 else rows
     taken = [rows[0]]
     face, value = _lowest_face(polygon, rows[0], noise)
     for row in rows[1:]:
@@ -156,6 +159,20 @@ def _least_violation(
                 raise Delicate
         taken.append(row)
     return face, value
+
+
+def _tightest(rows: Sequence[tuple[N, N, N]]) -> list[tuple[N, N, N]]:
+    """Of unit rows in one direction, to rounding, the one with the least right-hand side."""
+    kept: list[tuple[N, N, N]] = []
+    for a, c, b in rows:
+        for index, (d, e, f) in enumerate(kept):
+            if abs(a * e - c * d) * PARALLEL <= 1 and a * d + c * e > 0:
+                if b < f:
+                    kept[index] = (a, c, b)
+                break
+        else:
+            kept.append((a, c, b))
+    return kept
 
 
 def _clip_difference(

@@ -8,110 +8,30 @@ one-dimensional minimum replaces it [Seidel1991]_. No iterations, no step sizes,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from fractions import Fraction
-from typing import Generic, NamedTuple, TypeVar
 
+from clfcbf.qp.objective import Objective, ill_conditioned, line_minimum, minimiser
 from clfcbf.qp.polygon import PARALLEL, TRUSTED, Delicate
 
-__all__ = ["NOISE", "Objective", "box_scale", "ill_conditioned", "nearest_on_edge", "project"]
-
-N = TypeVar("N", float, Fraction)
-_Rows = Sequence[tuple[float, float, float]]
+__all__ = ["NOISE", "box_scale", "project"]
 
 NOISE = 2.0**-40
 """Relative size under which a float gap counts as undecided: rounding, 2**-52, times TRUSTED."""
 
-_CONDITION = float(TRUSTED**2)  # sensitivity to rounding grows like sqrt(cond Q)
 _SMALL_ANGLE = 1.0 / TRUSTED**2  # squared sines
 _SAME_ANGLE = 1.0 / PARALLEL**2
-_NOISE_SQUARED = NOISE * NOISE
 _LONGEST = 1e150  # rows whose squared length could overflow or underflow go to fractions
 _SHORTEST = 1e-150
 
 
-class Objective(NamedTuple, Generic[N]):
-    r"""The strictly convex cost :math:`(u-\bar u)^\top Q(u-\bar u) + c\,(a^\top u - b)^2`.
-
-    Attributes
-    ----------
-    q11, q12, q22 : the weight :math:`Q`
-    n_v, n_w : the nominal command :math:`\bar u`
-    c, s_v, s_w, s_b : penalty :math:`c \ge 0` and row :math:`(a, b)` of the soft term
-    """
-
-    q11: N
-    q12: N
-    q22: N
-    n_v: N
-    n_w: N
-    c: N
-    s_v: N
-    s_w: N
-    s_b: N
-
-    def cost(self, v: N, omega: N) -> N:
-        """The cost of the command ``(v, omega)``."""
-        q11, q12, q22, n_v, n_w, c, s_v, s_w, s_b = self
-        x, y, soft = v - n_v, omega - n_w, s_v * v + s_w * omega - s_b
-        return x * (q11 * x + q12 * y) + y * (q12 * x + q22 * y) + c * soft * soft
-
-    def minimiser(self) -> tuple[N, N]:
-        r"""The command of least cost, :math:`\bar u - Q^{-1}a\,c\,r / (1 + c\,a^\top Q^{-1}a)`.
-
-        Here :math:`r = a^\top\bar u - b`.
-        """
-        q11, q12, q22, n_v, n_w, c, s_v, s_w, s_b = self
-        if c == 0:
-            return n_v, n_w
-        g_v, g_w = q22 * s_v - q12 * s_w, q11 * s_w - q12 * s_v
-        k = (
-            c
-            * (s_v * n_v + s_w * n_w - s_b)
-            / (q11 * q22 - q12 * q12 + c * (s_v * g_v + s_w * g_w))
-        )
-        return n_v - k * g_v, n_w - k * g_w
-
-    def line_minimum(self, x: N, y: N, d_v: N, d_w: N) -> N:
-        """The ``t`` of least cost along ``(x, y) + t (d_v, d_w)``."""
-        q11, q12, q22, n_v, n_w, c, s_v, s_w, s_b = self
-        e_v, e_w, slope = n_v - x, n_w - y, c * (s_v * d_v + s_w * d_w)
-        return (
-            d_v * (q11 * e_v + q12 * e_w)
-            + d_w * (q12 * e_v + q22 * e_w)
-            - slope * (s_v * x + s_w * y - s_b)
-        ) / (
-            d_v * (q11 * d_v + q12 * d_w)
-            + d_w * (q12 * d_v + q22 * d_w)
-            + slope * (s_v * d_v + s_w * d_w)
-        )
-
-
-def nearest_on_edge(objective: Objective[N], p: tuple[N, N], q: tuple[N, N]) -> tuple[N, N]:
-    """The point of least cost on the segment from ``p`` to ``q``."""
-    d_v, d_w = q[0] - p[0], q[1] - p[1]
-    if d_v == 0 and d_w == 0:
-        return p
-    t = objective.line_minimum(p[0], p[1], d_v, d_w)
-    if t <= 0:
-        return p
-    return q if t >= 1 else (p[0] + t * d_v, p[1] + t * d_w)
-
-
 def box_scale(v_lo: float, v_hi: float, w_lo: float, w_hi: float) -> float:
-    """A length no coordinate of the box exceeds."""
+    """A length that no coordinate of the box exceeds."""
     return abs(v_lo) + abs(v_hi) + abs(w_lo) + abs(w_hi)
-
-
-def ill_conditioned(q11: float, q12: float, q22: float) -> bool:
-    """Whether the weight stretches rounding errors by more than floats can spare."""
-    trace = q11 + q22
-    return not trace * trace <= _CONDITION * (q11 * q22 - q12 * q12)
 
 
 def project(
     objective: Objective[float],
     box: Sequence[float],
-    levels: Sequence[_Rows],
+    levels: Sequence[Sequence[tuple[float, float, float]]],
 ) -> tuple[float, float] | None:
     """The point of least cost in the box and on the right side of every row.
 
@@ -131,10 +51,12 @@ def project(
     """
     q11, q12, q22, n_v, n_w, c, s_v, s_w, s_b = objective
     v_lo, v_hi, w_lo, w_hi = box
-    if c:
-        v, w = objective.minimiser()
-    else:
-        v, w = n_v, n_w
+    trusted = False
+    v, w = n_v, n_w
+    if c or q12:
+        _check(objective, box)
+        trusted = True
+        v, w = minimiser(objective)
     # The box: first its v-sides, then its w-sides.
     if not v_lo <= v <= v_hi:
         v = v_lo if v < v_lo else v_hi
@@ -143,60 +65,84 @@ def project(
         w = w_lo if w < w_lo else w_hi
         v = n_v + (q12 * (n_w - w) - c * s_v * (s_v * n_v + s_w * w - s_b)) / (q11 + c * s_v * s_v)
         v = v_lo if v < v_lo else v_hi if v > v_hi else v
-    checked = not (q12 or c)
-    scale = 0.0
     taken: list[tuple[float, float, float]] = []
     for rows in levels:
         for row in rows:
             a_v, a_w, b = row
-            r = a_v * v + a_w * w - b
-            if r > 0.0 and (a_v or a_w):
-                if not scale:
-                    scale = box_scale(v_lo, v_hi, w_lo, w_hi)
-                    if abs(n_v) + abs(n_w) > TRUSTED * scale or ill_conditioned(q11, q12, q22):
-                        raise Delicate
-                    checked = True
-                point = _on_line(objective, box, scale, row, r, v, w, taken)
+            if a_v * v + a_w * w > b and (a_v or a_w):
+                if not trusted:
+                    _check(objective, box)
+                    trusted = True
+                point = _on_line(objective, box, row, v, w, taken)
                 if point is None:
                     return None
                 v, w = point
             taken.append(row)
-    if not checked and (
-        abs(n_v) + abs(n_w) > TRUSTED * box_scale(v_lo, v_hi, w_lo, w_hi)
-        or ill_conditioned(q11, q12, q22)
-    ):
-        raise Delicate
     return v, w
+
+
+def _check(objective: Objective[float], box: Sequence[float]) -> None:
+    """Refuse costs for which rounding could exceed 1e-12."""
+    _, _, _, n_v, n_w, c, s_v, s_w, _ = objective
+    v_lo, v_hi, w_lo, w_hi = box
+    if abs(n_v) + abs(n_w) > TRUSTED * box_scale(v_lo, v_hi, w_lo, w_hi):
+        raise Delicate
+    if ill_conditioned(objective) or (c and not _SHORTEST < abs(s_v) + abs(s_w) < _LONGEST):
+        raise Delicate
 
 
 def _on_line(
     objective: Objective[float],
     box: Sequence[float],
-    scale: float,
     row: tuple[float, float, float],
-    r: float,
     v: float,
     w: float,
-    taken: _Rows,
+    taken: Sequence[tuple[float, float, float]],
 ) -> tuple[float, float] | None:
     """The point of least cost on the line of ``row``, in the box and within ``taken``."""
     v_lo, v_hi, w_lo, w_hi = box
-    a_v, a_w, _ = row
-    if not _SHORTEST < abs(a_v) + abs(a_w) < _LONGEST:
-        raise Delicate
+    a_v, a_w, b = row
     length2 = a_v * a_v + a_w * a_w
-    # Start from the foot of the present point: as near to the box as the line comes.
-    x, y = v - r / length2 * a_v, w - r / length2 * a_w
+    if not 1e-300 < length2 < 1e300:
+        raise Delicate
+    small = _SMALL_ANGLE * length2
+    c, s_v, s_w = objective[5:8]
+    if c and (a_v * s_w - a_w * s_v) ** 2 <= small * (s_v * s_v + s_w * s_w):
+        raise Delicate
+    undecided = NOISE * (abs(v_lo) + abs(v_hi) + abs(w_lo) + abs(w_hi))
     reach = 2.0 * (v_hi - v_lo + w_hi - w_lo)
+    # Start from the foot of the present point: as near to the box as the line comes.
+    k = (a_v * v + a_w * w - b) / length2
+    x, y = v - k * a_v, w - k * a_w
+    # Along (x - a_w t, y + a_v t) the box leaves lo <= t <= hi, ...
     lo, hi = -1e308, 1e308
-    sides = (
-        (1.0, 0.0, v_hi), (-1.0, 0.0, -v_lo), (0.0, 1.0, w_hi), (0.0, -1.0, -w_lo), *taken,
-    )  # fmt: skip
-    for c_v, c_w, e in sides:
+    if a_w * a_w > small:
+        lo, hi = ((x - v_hi) / a_w, (x - v_lo) / a_w)
+        if lo > hi:
+            lo, hi = hi, lo
+    else:
+        drift = reach * abs(a_w) / length2**0.5 + undecided
+        if not (v_lo + drift < x < v_hi - drift):
+            if x < v_lo - drift or x > v_hi + drift:
+                return None
+            raise Delicate
+    if a_v * a_v > small:
+        near, far = ((w_lo - y) / a_v, (w_hi - y) / a_v)
+        if near > far:
+            near, far = far, near
+        lo, hi = (near if near > lo else lo), (far if far < hi else hi)
+    else:
+        drift = reach * abs(a_v) / length2**0.5 + undecided
+        if not (w_lo + drift < y < w_hi - drift):
+            if y < w_lo - drift or y > w_hi + drift:
+                return None
+            raise Delicate
+    # ... and every row taken before cuts off one end more.
+    for c_v, c_w, e in taken:
         rate = a_v * c_w - a_w * c_v
         gap = e - c_v * x - c_w * y
         other2 = c_v * c_v + c_w * c_w
-        if rate * rate > _SMALL_ANGLE * length2 * other2:
+        if rate * rate > small * other2:
             t = gap / rate
             if rate > 0.0:
                 if t < hi:
@@ -204,25 +150,20 @@ def _on_line(
             elif t > lo:
                 lo = t
         elif other2 > 0.0:
-            # Nearly parallel: the row must hold, or fail, along all of the line in reach.
-            gap2 = gap * gap
-            if gap2 <= _NOISE_SQUARED * scale * scale * other2 or (
-                gap2 * length2 <= reach * reach * rate * rate
-            ):
-                if (
-                    rate * rate <= _SAME_ANGLE * length2 * other2
-                    and a_v * c_v + a_w * c_w > 0.0
-                ):
-                    continue  # the same half-plane but for rounding
-                raise Delicate
-            if gap < 0.0:
+            # Nearly parallel: it holds, or fails, along all of the line that matters.
+            other = other2**0.5
+            drift = reach * abs(rate) / (other * length2**0.5) + undecided
+            if gap < -drift * other:
                 return None
+            same = rate * rate <= _SAME_ANGLE * length2 * other2 and a_v * c_v + a_w * c_w > 0.0
+            if gap <= drift * other and not same:
+                raise Delicate
     width = hi - lo
-    if width * width * length2 <= _NOISE_SQUARED * scale * scale:
+    if width * width * length2 <= undecided * undecided:
         raise Delicate
     if width < 0.0:
         return None
-    t = objective.line_minimum(x, y, -a_w, a_v)
+    t = line_minimum(objective, x, y, -a_w, a_v)
     t = lo if t < lo else hi if t > hi else t
     v, w = x - a_w * t, y + a_v * t
     return (

@@ -12,8 +12,9 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import NamedTuple
 
+from clfcbf.qp.objective import Objective, cost, minimiser, nearest_on_edge
 from clfcbf.qp.polygon import box_polygon, relax
-from clfcbf.qp.projection import NOISE, Objective, box_scale, nearest_on_edge
+from clfcbf.qp.projection import NOISE, box_scale
 
 __all__ = ["RationalSolution", "solve_rational"]
 
@@ -78,11 +79,12 @@ def solve_rational(
     ]
     corners = box_polygon(Fraction(v_lo), Fraction(v_hi), Fraction(w_lo), Fraction(w_hi))
     polygon, slacks = relax(corners, exact_levels, _unit, _ZERO)
-    exact = Objective(*map(Fraction, objective))
-    best = exact.minimiser()
+    q11, q12, q22, n_v, n_w, c, s_v, s_w, s_b = map(Fraction, objective)
+    exact = (q11, q12, q22, n_v, n_w, c, s_v, s_w, s_b)
+    best = minimiser(exact)
     if any(slacks) or not _holds(best, corners, exact_levels):
         edges = zip(polygon, polygon[1:] + polygon[:1], strict=True)
-        best = min((nearest_on_edge(exact, p, q) for p, q in edges), key=lambda u: exact.cost(*u))
+        best = min((nearest_on_edge(exact, p, q) for p, q in edges), key=lambda u: cost(exact, *u))
     return RationalSolution(float(best[0]), float(best[1]), tuple(map(_to_float, slacks)))
 
 

@@ -1,0 +1,1 @@
+"""Plants and sensors that implement the hardware protocols, and a judge of their runs."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clfcbf.controller import DockingController
 from clfcbf.errors import ConfigurationError
@@ -17,10 +20,24 @@ from clfcbf.simulation.plant import Body, Plant
 from clfcbf.simulation.scenarios import World, draw_start, limits_named, region_named
 from clfcbf.simulation.sensor import PoseSensor, SensorModel
 
-__all__ = ["CONTROLLERS", "PLANTS", "EpisodeSpec", "run_specs", "simulate", "summarise"]
+__all__ = [
+    "CONTROLLERS",
+    "PLANTS",
+    "EpisodeSpec",
+    "Track",
+    "check_spec",
+    "record",
+    "record_and_track",
+    "run_specs",
+    "simulate",
+    "summarise",
+]
 
 PLANTS = ("kinematic", "mujoco")
 CONTROLLERS = ("clf-cbf", "paper")
+
+TRACK_TICKS = 3
+"""Ticks from one sample of a track to the next: 10 Hz, 4 cm at full speed, enough for a line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,24 +116,83 @@ def simulate(spec: EpisodeSpec, world: World | None = None) -> tuple[EpisodeResu
         plant.close()
 
 
-def _record(spec: EpisodeSpec) -> dict[str, Any]:
-    result, _ = simulate(spec)
+def check_spec(spec: EpisodeSpec, world: World | None = None) -> None:
+    """Build the plant and the controller of a run once and throw them away.
+
+    What is unknown or not installed is then reported before a campaign starts, in the process
+    that starts it. Raises what their constructors raise, all of it a ``ClfcbfError``.
+    """
+    world = world or World()
+    plant, body = _plant(spec, world)
+    try:
+        _controller(spec, world, body.lag)
+    finally:
+        plant.close()
+
+
+class Track(NamedTuple):
+    """A run thinned out for a figure.
+
+    ``times`` (N,) [s], true ``poses`` (N, 3) in the goal's frame [m, m, rad] and the
+    ``commands`` (N, 2) sent there [m/s, rad/s].
+    """
+
+    times: NDArray[np.float64]
+    poses: NDArray[np.float64]
+    commands: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, trace: Trace, every: int = TRACK_TICKS) -> Track:
+        """Every ``every``-th tick of a trace, and its last one."""
+        last = len(trace.times) - 1
+        kept = [*range(0, last, every), last]
+        return cls(
+            np.array([trace.times[k] for k in kept]),
+            np.array([trace.poses[k] for k in kept]),
+            np.array([trace.decisions[k].twist for k in kept]),
+        )
+
+
+def record(spec: EpisodeSpec, world: World | None = None) -> dict[str, Any]:
+    """Run one episode; its specification and its result in one flat table row."""
+    result, _ = simulate(spec, world)
     return {**asdict(spec), **asdict(result)}
+
+
+def record_and_track(spec: EpisodeSpec, world: World | None = None) -> dict[str, Any]:
+    """As :func:`record`, with the run's :class:`Track` as ``"track"``."""
+    result, trace = simulate(spec, world)
+    return {**asdict(spec), **asdict(result), "track": Track.of(trace)}
+
+
+def _leave_interrupts_to_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def run_specs(
     specs: Sequence[EpisodeSpec],
     workers: int = 1,
-    work: Callable[[EpisodeSpec], dict[str, Any]] = _record,
+    work: Callable[[EpisodeSpec], dict[str, Any]] = record,
 ) -> Iterator[dict[str, Any]]:
-    """Records of the runs, in their order, as they are finished."""
+    """Records of the runs, in their order, as they are finished.
+
+    ``work`` goes to other processes if ``workers > 1``, so it has to be picklable: a function
+    of a module, or a ``functools.partial`` of one.
+    """
     if workers < 1:
         raise ConfigurationError(f"workers must be at least 1, got {workers!r}")
     if workers == 1:
         yield from map(work, specs)
         return
-    with ProcessPoolExecutor(workers) as pool:
+    # A forked child may inherit a lock that one of the parent's threads, such as numpy's, holds.
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(
+        min(workers, max(len(specs), 1)), context, _leave_interrupts_to_parent
+    )
+    try:
         yield from pool.map(work, specs, chunksize=1)
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def summarise(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -146,7 +222,7 @@ def summarise(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
             "mean_abs": float(np.abs(values).mean()),
             "max_abs": float(np.abs(values).max()),
         }
-    for name in ("fov_lost", "limit_violations", "infeasible_ticks", "guarded_ticks",
+    for name in ("fov_lost", "limit_violations", "ticks", "infeasible_ticks", "guarded_ticks",
                  "unguarded_ticks"):  # fmt: skip
         summary[name] = int(column(name).sum())
     for name in ("step_us_p50", "step_us_p99"):

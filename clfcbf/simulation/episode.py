@@ -61,11 +61,13 @@ class EpisodeResult:
     path_m : distance driven, in whichever direction
     min_fov_margin_deg : smallest angle from the feature to the edge, between ticks too
     fov_lost : whether that was negative
+    ticks : commands sent, those of the wait after "done" included
     limit_violations : commands outside the input box of their tick, by more than 1e-9
     infeasible_ticks : ticks whose barrier rows could not all hold
     unguarded_ticks : of those and all others, ticks without a certified brake
     guarded_ticks : ticks in which the guard replaced the command
-    step_us_p50, step_us_p99 : duration of the controller's tick
+    step_us_p50, step_us_p99 : duration of the controller's tick [µs]
+    reason : the controller's own last word on why it stopped or failed
     """
 
     outcome: str
@@ -78,6 +80,7 @@ class EpisodeResult:
     path_m: float
     min_fov_margin_deg: float
     fov_lost: bool
+    ticks: int
     limit_violations: int
     infeasible_ticks: int
     unguarded_ticks: int
@@ -177,6 +180,7 @@ def _judged(
         path_m=path,
         min_fov_margin_deg=math.degrees(margin),
         fov_lost=margin < 0.0,
+        ticks=len(decisions),
         limit_violations=violations,
         infeasible_ticks=sum(
             d.status in (Status.BARRIER_RELAXED, Status.SOLVER_FAILED) or d.barrier_slack > 1e-9

@@ -12,8 +12,9 @@ from clfcbf.se2 import Pose2, Twist, arc
 from clfcbf.trajectories.legs import Path
 from clfcbf.trajectories.tangent import Candidates
 from clfcbf.trajectories.terminal import TerminalCurves
+from clfcbf.trajectories.timing import TimedPath
 
-__all__ = ["approach_path", "arc_path"]
+__all__ = ["approach_path", "arc_path", "timed_path"]
 
 Array = NDArray[np.float64]
 
@@ -92,7 +93,7 @@ def approach_path(
     keep[-1] = True
     entry = int(np.count_nonzero(keep[: entry + 1])) - 1
     samples = samples[keep]
-    x, y, heading, profile, turn_rate = samples.T
+    x, y, _, profile, turn_rate = samples.T
     steps = np.maximum(np.hypot(np.diff(x), np.diff(y)), 1e-9)
     speed = _slowed(profile, steps, limits.a_max)
     turn_rate = np.where(profile > 0.0, turn_rate * speed / np.maximum(profile, 1e-9), turn_rate)
@@ -102,7 +103,7 @@ def approach_path(
     ramp = limits.omega_max / limits.alpha_max
     until = min(float(time[entry]) + 0.5 * ramp, float(time[-1]) - ramp)
     turn_rate = _smoothed(time, turn_rate, ramp, until)
-    return _path(x, y, heading, speed, turn_rate, steps, 1)
+    return _path(samples[:, :3], speed, turn_rate, steps, Pose2(0.0, 0.0, 0.0), 1)
 
 
 def arc_path(start: Pose2, length: float, swept: float, limits: Limits, gear: int) -> Path:
@@ -118,16 +119,25 @@ def arc_path(start: Pose2, length: float, swept: float, limits: Limits, gear: in
     count = max(2, math.ceil(length / _SPACING) + 1)
     along = np.linspace(0.0, length, count)
     speed = np.minimum(top, np.sqrt(2.0 * slope * (length - along)))
-    poses = [start.compose(arc(Twist(gear * 1.0, curvature), s)) for s in along.tolist()]
-    x = np.array([p.x for p in poses])
-    y = np.array([p.y for p in poses])
-    return _path(x, y, start.theta + curvature * along, speed, curvature * speed,
-                 np.diff(along), gear)  # fmt: skip
+    poses = [start.compose(arc(Twist(float(gear), curvature), s)) for s in along.tolist()]
+    return _path(np.array(poses), speed, curvature * speed, np.diff(along), poses[-1], gear)
+
+
+def timed_path(timed: TimedPath, start: Pose2, end: Pose2) -> Path:
+    """A timed path, seen from ``start``, as a leg that ends at rest in ``end``."""
+    poses = np.array([start.compose(timed.path.pose(s)) for s in timed.s.tolist()])
+    return _path(poses, np.abs(timed.v), timed.omega, np.diff(timed.s), end, timed.path.gear)
 
 
 def _path(
-    x: Array, y: Array, heading: Array, speed: Array, turn_rate: Array, steps: Array, gear: int
+    poses: Array, speed: Array, turn_rate: Array, steps: Array, end: Pose2, gear: int
 ) -> Path:
     s = np.concatenate([[0.0], np.cumsum(steps)])
-    poses = tuple(Pose2(*row) for row in zip(x.tolist(), y.tolist(), heading.tolist(), strict=True))
-    return Path(tuple(s.tolist()), poses, tuple(speed.tolist()), tuple(turn_rate.tolist()), gear)
+    return Path(
+        tuple(s.tolist()),
+        tuple([Pose2(*pose) for pose in poses.tolist()]),
+        tuple(speed.tolist()),
+        tuple(turn_rate.tolist()),
+        end,
+        gear,
+    )

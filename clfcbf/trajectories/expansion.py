@@ -174,23 +174,33 @@ class Expansion(NamedTuple):
         return float(times[k]) if sizes[k] <= CUSP_TOLERANCE * sizes.max() else None
 
     def magnitudes(self, samples: int) -> tuple[float, float, float, float]:
-        """Largest absolute v, omega and their rates over the half duration, sampled."""
+        """Largest absolute v, omega and their rates over the half duration.
+
+        Sampled, then refined about each largest sample.
+        """
         tau = np.linspace(0.0, self.half, samples)
+        largest = []
+        for k, values in enumerate(self._rates(tau)):
+            top = int(np.argmax(values))
+            fine = np.linspace(tau[max(top - 1, 0)], tau[min(top + 1, samples - 1)], samples)
+            largest.append(float(np.max(self._rates(fine)[k])))
+        v, omega, a, alpha = largest
+        return v, omega, a, alpha
+
+    def _rates(self, tau: _FloatArray) -> tuple[_FloatArray, ...]:
         n, size = self.order, np.abs(tau)
         w, dw, ddw = (
             [np.polynomial.Polynomial(c).deriv(k)(tau) for c in self.deflated] for k in (0, 1, 2)
         )
         squared = w[0] ** 2 + w[1] ** 2
-        along, turn = w[0] * dw[0] + w[1] * dw[1], w[0] * dw[1] - w[1] * dw[0]
         norm: _FloatArray = np.sqrt(squared)
+        along, turn = w[0] * dw[0] + w[1] * dw[1], w[0] * dw[1] - w[1] * dw[0]
         rate = size**n * along / norm
         if n:
             rate = rate + math.copysign(n, self.half) * size ** (n - 1) * norm
         twisting = w[0] * ddw[1] - w[1] * ddw[0]
         alpha = twisting / squared - 2.0 * turn * along / squared**2
-        peaks = (size**n * norm, turn / squared, rate, alpha)
-        v, omega, a, angular = (float(np.max(np.abs(values))) for values in peaks)
-        return v, omega, a, angular
+        return tuple(np.abs(values) for values in (size**n * norm, turn / squared, rate, alpha))
 
 
 def _horner(coefficients: _Coefficients, t: float) -> float:

@@ -26,7 +26,7 @@ from clfcbf.scene import Reference
 from clfcbf.se2 import Pose2, Twist, wrap_angle
 from clfcbf.trajectories.legs import Leg, Path, Turn
 
-__all__ = ["Following", "FollowingGains", "follow"]
+__all__ = ["Following", "FollowingGains", "at_rest", "follow"]
 
 _AT_REST = Twist(0.0, 0.0)
 
@@ -74,6 +74,11 @@ class Following(NamedTuple):
     reference: Reference
     s: float
     arrived: bool
+
+
+def at_rest(twist: Twist) -> bool:
+    """Whether a command is as good as zero: below 2 mm/s and 10 mrad/s."""
+    return abs(twist[0]) < 2e-3 and abs(twist[1]) < 1e-2
 
 
 def follow(
@@ -140,8 +145,9 @@ def _settle(
     gains: FollowingGains,
 ) -> Following:  # fmt: skip
     error = pose.relative(leg.end)
-    v = gains.settle_x * error.x
-    omega = _spin(error.theta, limits, gains) if last else 0.0
-    arrived = abs(error.x) < gains.done_x and abs(error.theta) < gains.done_theta
+    near = abs(error.x) < gains.done_x
+    facing = abs(error.theta) < gains.done_theta or not last
+    v = 0.0 if near else gains.settle_x * error.x
+    omega = 0.0 if facing else _spin(error.theta, limits, gains)
     twist = box.clip(Twist(v, omega))
-    return Following(twist, Reference(error, _AT_REST), s, arrived or not last)
+    return Following(twist, Reference(error, _AT_REST), s, (near and facing) or not last)

@@ -45,8 +45,9 @@ class Path:
     s : arc length of each sample from the start, strictly increasing [m], shape (n,)
     poses : pose of the robot at each sample
     speed : profile speed [m/s], zero at the end, shape (n,)
-    turn_rate : turn rate at that speed [rad/s], shape (n,); at the end it may be non-zero,
-        where the path ends in a turn on the spot
+    turn_rate : turn rate at that speed [rad/s], shape (n,)
+    end : pose at rest after the leg; its heading differs from the last sample's where the path
+        ends in a turn on the spot
     gear : +1 forward, -1 reverse
 
     Raises
@@ -58,6 +59,7 @@ class Path:
     poses: tuple[Pose2, ...]
     speed: tuple[float, ...]
     turn_rate: tuple[float, ...]
+    end: Pose2
     gear: int = 1
 
     def __post_init__(self) -> None:
@@ -71,11 +73,6 @@ class Path:
     def length(self) -> float:
         """Length of the leg [m]."""
         return self.s[-1] - self.s[0]
-
-    @property
-    def end(self) -> Pose2:
-        """Last pose of the leg."""
-        return self.poses[-1]
 
     @property
     def xy(self) -> NDArray[np.float64]:

@@ -148,20 +148,31 @@ class SampledPath:
         return float(self.curvature[i] + u * (self.curvature[i + 1] - self.curvature[i]))
 
     def pose(self, s: float) -> Pose2:
-        """Pose at arc length ``s`` [m], along the clothoid from the sample before it.
+        """Pose at arc length ``s`` [m], clipped to the ends of the path.
 
-        Clipped to the ends of the path.
+        Along the clothoid from the sample before it, plus the share of what that clothoid
+        misses the next sample by, so that the poses pass through every sample.
         """
         s = min(max(s, 0.0), self.length)
         i = self.segment(s)
-        x, y, theta = (float(value) for value in self.poses[i])
+        h = float(self.s[i + 1] - self.s[i])
         ds = s - float(self.s[i])
-        k0, k1 = float(self.curvature[i]), self.curvature_at(s)
+        share = ds / h if h > 0.0 else 1.0
+        here = self._clothoid(i, h, share)
+        missed = self.poses[i + 1] - self._clothoid(i, h, 1.0)
+        x, y, theta = (float(value) for value in here + share * missed)
+        return Pose2(x, y, wrap_angle(theta))
+
+    def _clothoid(self, i: int, h: float, share: float) -> FloatArray:
+        x, y, theta = self.poses[i]
+        k0, jump, ds = self.curvature[i], self.curvature[i + 1] - self.curvature[i], share * h
         u = _GAUSS
-        inner = theta + ds * (u * k0 + 0.5 * u * u * (k1 - k0))
+        inner = theta + ds * (u * k0 + 0.5 * u * u * share * jump)
         step = self.gear * ds
-        return Pose2(
-            x + step * float(_WEIGHTS @ np.cos(inner)),
-            y + step * float(_WEIGHTS @ np.sin(inner)),
-            wrap_angle(theta + 0.5 * ds * (k0 + k1)),
+        return np.array(
+            (
+                x + step * (_WEIGHTS @ np.cos(inner)),
+                y + step * (_WEIGHTS @ np.sin(inner)),
+                theta + ds * (k0 + 0.5 * share * jump),
+            )
         )

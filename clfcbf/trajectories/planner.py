@@ -1,10 +1,11 @@
 """The planner: the fastest of the approaches it tried that keeps the view and the limits.
 
 Forward approaches (an arc, a line, a terminal curve) are ranked by an estimate of their time;
-the best are driven in simulation and the first that arrives is taken. Where none does, a leg
-that turns on the spot or reverses along an arc comes first, which is what the geometry of the
-view demands close to the goal: going forward with bearings up to the edge, the direction of
-the approach can change by no more than the integral of ``tan(edge) d ln(range)``.
+the best are driven in simulation and the fastest that arrives is taken. Where none does, the
+closed-form path of :mod:`~clfcbf.trajectories.visible` is tried, and then approaches after a
+first leg that turns on the spot or reverses along an arc. The geometry of the view demands one
+close to the goal: going forward with bearings up to the edge, the direction of the approach
+can change by no more than the integral of ``tan(edge) d ln(range)``.
 """
 
 from __future__ import annotations
@@ -17,20 +18,27 @@ from numpy.typing import NDArray
 
 from clfcbf import defaults
 from clfcbf.camera import FieldOfView
-from clfcbf.errors import ConfigurationError, GeometryError, PlanningError
+from clfcbf.constraints.cbf import FieldOfViewBarrier
+from clfcbf.errors import ConfigurationError, GeometryError, LimitsError, PlanningError
 from clfcbf.guard import Guard
-from clfcbf.limits import Limits
+from clfcbf.limits import Limits, check_period
 from clfcbf.se2 import Pose2, Twist, arc, is_finite, wrap_angle
-from clfcbf.trajectories.build import approach_path, arc_path
+from clfcbf.trajectories.build import approach_path, arc_path, timed_path
 from clfcbf.trajectories.following import FollowingGains
 from clfcbf.trajectories.legs import Leg, Turn
 from clfcbf.trajectories.rollout import Rollout, roll_out
 from clfcbf.trajectories.tangent import Candidates, tangent_candidates
 from clfcbf.trajectories.terminal import TerminalCurves, nominal_offsets, terminal_curves
+from clfcbf.trajectories.timing import time_path
+from clfcbf.trajectories.visible import VisiblePath
+from clfcbf.unicycle import Polar
 
-__all__ = ["Plan", "Planner"]
+__all__ = ["Plan", "Planner", "plan_approach"]
 
 Array = NDArray[np.float64]
+
+_ORIGIN = Pose2(0.0, 0.0, 0.0)
+_REST = Twist(0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +69,11 @@ class Planner:
         lag: float = 0.0,
         gains: FollowingGains | None = None,
     ) -> None:
+        if not (math.isfinite(standoff) and standoff > max(camera.camera.x, 0.0)):
+            raise ConfigurationError(
+                "standoff must put the feature ahead of the camera "
+                f"(> {max(camera.camera.x, 0.0)} m), got {standoff!r}"
+            )
         limits = guard.limits
         self.guard = guard
         self.camera = camera
@@ -88,7 +101,7 @@ class Planner:
         """The feature in the goal's frame."""
         return Pose2(self.standoff, 0.0, 0.0)
 
-    def plan(self, start: Pose2, applied: Twist = Twist(0.0, 0.0)) -> Plan:  # noqa: B008
+    def plan(self, start: Pose2, applied: Twist = _REST) -> Plan:
         """The fastest approach found from ``start`` (goal's frame) while ``applied`` is in force.
 
         Raises
@@ -98,8 +111,8 @@ class Planner:
         """
         if not is_finite(tuple(start)):
             raise GeometryError(f"start must be finite, got {start!r}")
-        reasons = {"no tangent path": 0, "field of view": 0, "does not arrive": 0}
-        for search in (self._forward, self._backed_off):
+        reasons = dict.fromkeys(("no path", "field of view", "limits", "does not arrive"), 0)
+        for search in (self._forward, self._visible, self._backed_off):
             best = self._fastest(search(start, reasons), start, applied, reasons)
             if best is not None:
                 return best
@@ -147,6 +160,24 @@ class Planner:
             if np.isfinite(cost[i])
         ]
 
+    def _visible(
+        self, start: Pose2, reasons: dict[str, int]
+    ) -> list[tuple[float, tuple[Leg, ...]]]:
+        try:
+            path = VisiblePath(Polar.of(start.relative(self.feature)), self.standoff)
+        except GeometryError:
+            reasons["no path"] += 1
+            return []
+        if path.margin(self.edge) < 0.0:
+            reasons["field of view"] += 1
+            return []
+        try:
+            timed = time_path(path.sampled(), self.limits)
+        except PlanningError:
+            reasons["limits"] += 1
+            return []
+        return [(timed.duration, (timed_path(timed, start, _ORIGIN),))]
+
     def _backed_off(
         self, start: Pose2, reasons: dict[str, int]
     ) -> list[tuple[float, tuple[Leg, ...]]]:
@@ -182,7 +213,7 @@ class Planner:
                     legs.append(Turn(end.theta))
                     ends.append(end)
                     times.append(_rest_to_rest(abs(turn), limits.omega_max, limits.alpha_max))
-            for length in defaults.PLAN_REVERSES:
+            for length in defaults.PLAN_REVERSES if limits.reverse_speed < 0.0 else ():
                 end = start.compose(arc(Twist(-length, turn), 1.0))
                 if abs(self._bearing(end)) <= allowed:
                     legs.append(arc_path(start, length, turn, limits, -1))
@@ -217,7 +248,7 @@ class Planner:
         end = self._bearing_on_arc(found, starts, 0.0)
         beyond = self._bearing_on_arc(found, starts, overrun)
         worst = np.maximum(end, beyond)
-        reasons["no tangent path"] += len(found) == 0
+        reasons["no path"] += len(found) == 0
         reasons["field of view"] += int(np.count_nonzero(end > self.edge.half_angle + 1e-3))
         time += 20.0 * np.maximum(0.0, worst - math.radians(30.0)) ** 2
         time += 50.0 * np.maximum(0.0, worst - self.camera.half_angle) ** 2
@@ -233,7 +264,8 @@ class Planner:
         eye_x = px + cx * np.cos(end) - cy * np.sin(end)
         eye_y = py + cx * np.sin(end) + cy * np.cos(end)
         bearing = np.arctan2(-eye_y, self.standoff - eye_x) - end - yaw
-        return np.abs(np.mod(bearing + np.pi, 2.0 * np.pi) - np.pi)
+        wrapped: Array = np.mod(bearing + np.pi, 2.0 * np.pi) - np.pi
+        return np.abs(wrapped)
 
 
 def _rest_to_rest(distance: float, speed: float, acceleration: float) -> float:
@@ -241,3 +273,51 @@ def _rest_to_rest(distance: float, speed: float, acceleration: float) -> float:
     if distance * acceleration < speed * speed:
         return 2.0 * math.sqrt(distance / acceleration)
     return distance / speed + speed / acceleration
+
+
+def plan_approach(
+    start: Pose2,
+    goal: Pose2,
+    limits: Limits,
+    camera: FieldOfView,
+    standoff: float,
+    period: float,
+    *,
+    applied: Twist = _REST,
+    lag: float = 0.0,
+    guard_lag: float = defaults.GUARD_LAG,
+) -> Plan:
+    """The fastest approach found from ``start`` to ``goal`` that keeps the view and the limits.
+
+    Parameters
+    ----------
+    start, goal : robot and goal pose in one frame
+    limits, period : of the chassis and its control loop
+    camera : the view the feature has to stay in
+    standoff : distance from the goal to the feature straight ahead of it [m]
+    applied : command in force at the start
+    lag, guard_lag : lag of the body, and the longest one to be safe for [s]
+
+    Returns
+    -------
+    Plan, whose legs and rollout are in the goal's frame
+
+    Raises
+    ------
+    GeometryError : a pose is not finite, or the feature is behind the camera at the start
+    LimitsError : ``applied`` is beyond the speed limits
+    PlanningError : none of the candidates arrives; the message says what forbids them
+    """
+    if not is_finite((*start, *goal)):
+        raise GeometryError(f"start and goal must be finite, got {start!r} and {goal!r}")
+    if not limits.contains(applied, 1e-9):
+        raise LimitsError(
+            f"the start is beyond a limit: {applied!r} with v in "
+            f"[{limits.reverse_speed}, {limits.v_max}] m/s, |omega| <= {limits.omega_max} rad/s"
+        )
+    seen = goal.relative(start)
+    camera.check_ahead(seen.seen((standoff, 0.0)))
+    gain = 1.0 / (limits.brake_horizon(check_period(period)) + guard_lag)
+    barrier = FieldOfViewBarrier(camera, gain, defaults.VIEW_MARGIN)
+    guard = Guard(limits, (barrier,), period, guard_lag)
+    return Planner(guard, camera, standoff, lag).plan(seen, applied)

@@ -11,20 +11,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from clfcbf.estimation import body_after, coast
-from clfcbf.guard import Brake, Guard
+from clfcbf.guard import Brake, Guard, Verdict
 from clfcbf.scene import Scene
 from clfcbf.se2 import Pose2, Twist
-from clfcbf.trajectories.following import FollowingGains, follow
+from clfcbf.trajectories.following import FollowingGains, at_rest, follow
 from clfcbf.trajectories.legs import Leg
 
-__all__ = ["Rollout", "at_rest", "roll_out"]
+__all__ = ["Rollout", "roll_out"]
 
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
-
-
-def at_rest(twist: Twist) -> bool:
-    """Whether a command is as good as zero: below 2 mm/s and 10 mrad/s."""
-    return abs(twist[0]) < 2e-3 and abs(twist[1]) < 1e-2
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +92,7 @@ def roll_out(
         scene = Scene(pose.relative(_ORIGIN), pose.relative(feature), time)
         outcome = guard.filter(wanted.twist, scene, body, box, brake)
         brake, command = outcome.brake, outcome.twist
-        guarded += not outcome.admitted
+        guarded += outcome.verdict is not Verdict.ADMITTED
         body, mean = body_after(body, command, period, lag)
         pose = pose.moved(mean, period)
         time += period

@@ -26,7 +26,10 @@ __all__ = ["TimedPath", "time_path"]
 
 FloatArray = NDArray[np.float64]
 
-_UNLIMITED = 1e9  # stands for a limit left out while the one that binds is sought
+_INSIDE = 1.0 - 1e-9
+"""Share of the largest reachable z that is used, so that rounding cannot empty what follows."""
+
+_RELAXED = 100.0  # factor on a limit while the one that binds is sought
 _Row = tuple[float, float, float]
 
 
@@ -86,8 +89,8 @@ class TimedPath:
         if dt == 0.0:
             return float(self.s[i + 1]), v1
         past = t - float(self.t[i])
-        a = (v1 - v0) / dt
-        return float(self.s[i]) + past * (v0 + 0.5 * a * past), v0 + a * past
+        speed = v0 + past / dt * (v1 - v0)
+        return float(self.s[i]) + 0.5 * past * (v0 + speed), speed
 
     def peaks(self) -> Peaks:
         r"""Largest absolute speed, turn rate and accelerations, exact also between samples.
@@ -135,7 +138,9 @@ def time_path(path: SampledPath, limits: Limits, initial_speed: float = 0.0) -> 
     Returns
     -------
     The profile. Each sample's speed also obeys the turn rate limit at the curvatures of its
-    two neighbours, which costs a little speed where the sampling is coarse.
+    two neighbours, and where the curvature changes sign between coarse samples the forward
+    pass is not quite the fastest: within 1 % of it from some 150 samples on, up to 10 %
+    slower with 40.
 
     Raises
     ------
@@ -158,8 +163,7 @@ def time_path(path: SampledPath, limits: Limits, initial_speed: float = 0.0) -> 
     s, k = path.s.tolist(), path.curvature.tolist()
     reachable = _backward(s, k, bounds)
     z0 = initial_speed * initial_speed
-    # A speed squared and rooted again may be off by one unit in the last place.
-    if z0 > reachable[0] * (1.0 + 1e-12):
+    if z0 * _INSIDE**2 > reachable[0]:
         raise _refusal(s, k, bounds, initial_speed, math.sqrt(reachable[0]))
     z = np.array(_forward(s, k, bounds, reachable, min(z0, reachable[0])))
     speed = np.sqrt(z)
@@ -195,7 +199,7 @@ def _backward(s: list[float], k: list[float], bounds: _Bounds) -> list[float]:
         ceiling = top if sharpest * bounds.speed <= turn else (turn / sharpest) ** 2
         reachable[i + 1] = min(reachable[i + 1], ceiling)
         rows = _rows(h, k[i], k[i + 1], bounds)
-        reachable[i] = _largest_first(rows, ceiling, reachable[i + 1])
+        reachable[i] = _INSIDE * _largest_first(rows, ceiling, reachable[i + 1])
     return reachable
 
 
@@ -228,13 +232,12 @@ def _forward(
         if h == 0.0:
             z.append(z[-1])
             continue
-        highest, lowest = reachable[i + 1], 0.0
+        highest = reachable[i + 1]
         for p, q, r in _rows(h, k[i], k[i + 1], bounds):
             if q:
-                ends = (-r - p * z[-1]) / q, (r - p * z[-1]) / q
-                highest, lowest = min(highest, max(ends)), max(lowest, min(ends))
-        # The interval is never empty but for rounding, since z[-1] is in the reachable set.
-        z.append(max(highest, min(lowest, reachable[i + 1])))
+                highest = min(highest, max((-r - p * z[-1]) / q, (r - p * z[-1]) / q))
+        # The lower bounds are met as well, since z[-1] is in the reachable set.
+        z.append(highest)
     return z
 
 
@@ -243,8 +246,9 @@ def _refusal(
 ) -> PlanningError:
     alone = [
         name
-        for name in bounds._fields
-        if speed * speed <= _backward(s, k, bounds._replace(**{name: _UNLIMITED}))[0]
+        for name, limit in bounds._asdict().items()
+        if speed * speed * _INSIDE**2
+        <= _backward(s, k, bounds._replace(**{name: _RELAXED * limit}))[0]
     ]
     blamed = alone or ["joint"]
     return PlanningError(

@@ -42,6 +42,7 @@ def approached(state, twist):
 # --- tracking ---------------------------------------------------------------------------------
 
 
+@settings(deadline=None)
 @given(errors, references, gain, gain, gain)
 def test_kanayama_decays_forward_and_reverse(error, reference, k1, k2, k3):
     law = Kanayama(k1, k2, k3)
@@ -52,6 +53,7 @@ def test_kanayama_decays_forward_and_reverse(error, reference, k1, k2, k3):
     assert law.decay(error, reference) >= 0.0
 
 
+@settings(deadline=None)
 @given(errors, references, gain, gain, gain)
 def test_samson_decays_forward_and_reverse(error, reference, k1, gamma, k):
     law = Samson(k1, gamma, k)
@@ -88,6 +90,7 @@ def test_tracking_converges_while_the_reference_moves(error, v, omega, law):
     assert out.y[:, -1] == pytest.approx([0.0, 0.0, 0.0], abs=2e-3)
 
 
+@settings(deadline=None)
 @given(errors, references, st.sampled_from([Kanayama(), Samson()]))
 def test_tracking_mirror_image(error, reference, law):
     v, omega = law.command(error, reference)
@@ -114,6 +117,7 @@ graceful = st.builds(
 )
 
 
+@settings(deadline=None)
 @given(states, graceful)
 def test_graceful_motion_decays(state, law):
     twist = law.command(state, LIMITS)
@@ -122,6 +126,7 @@ def test_graceful_motion_decays(state, law):
     assert measured == pytest.approx(-law.decay(state, twist.v), rel=1e-5, abs=1e-5)
 
 
+@settings(deadline=None)
 @given(st.floats(-3.0, 3.0), graceful)
 def test_manifold_and_its_slope(delta, law):
     assert abs(law.manifold(delta)) < law.bearing_limit
@@ -129,11 +134,13 @@ def test_manifold_and_its_slope(delta, law):
     assert law.manifold_slope(delta) == pytest.approx(slope, abs=1e-6)
 
 
+@settings(deadline=None)
 @given(st.floats(-3.0, 3.0))
 def test_standard_law_has_the_published_manifold(delta):
     assert ParkKuipers().manifold(delta) == pytest.approx(math.atan(3.0 * delta), abs=1e-14)
 
 
+@settings(deadline=None)
 @given(states)
 def test_standard_curvature_as_published(state):
     """In the authors' own variables: delta' = -phi, phi' = -delta."""
@@ -144,6 +151,7 @@ def test_standard_curvature_as_published(state):
     assert ParkKuipers().curvature(state) == pytest.approx(published, rel=1e-12, abs=1e-12)
 
 
+@settings(deadline=None)
 @given(st.floats(0.1, 3.0), st.floats(-3.0, 3.0), st.floats(0.2, 1.5), st.floats(0.05, 0.99))
 def test_view_is_forward_invariant_under_the_saturated_law(rho, delta, half, share):
     """On either edge the bearing turns inward."""
@@ -175,6 +183,7 @@ def test_saturated_law_arrives_in_view(rho, phi, delta):
     assert abs(out.y[2, -1]) < 0.05
 
 
+@settings(deadline=None)
 @given(states, graceful)
 def test_graceful_speeds_stay_within_limits(state, law):
     v, omega = law.command(state, LIMITS)
@@ -197,6 +206,7 @@ barriers = st.builds(
 )
 
 
+@settings(deadline=None)
 @given(inside, barriers)
 def test_barrier_lyapunov_decays(state, law):
     k = law.largest_rate(state, LIMITS)
@@ -207,12 +217,14 @@ def test_barrier_lyapunov_decays(state, law):
     assert half_square == pytest.approx(-k * (state.rho * math.cos(state.phi)) ** 2, abs=1e-6)
 
 
+@settings(deadline=None)
 @given(inside, barriers, st.floats(0.0, 1.0))
 def test_any_rate_stays_on_the_same_path(state, law, share):
     full, slow = law.command(state, LIMITS), law.shape(state).scaled(share)
     assert full.v * slow.omega == pytest.approx(slow.v * full.omega, abs=1e-12)
 
 
+@settings(deadline=None)
 @given(st.floats(0.3, 3.0), st.floats(-1.2, 1.2), st.sampled_from([1, -1]), barriers)
 def test_bearing_turns_inward_at_the_edge(rho, delta, side, law):
     state = Polar(rho, side * HALF, delta)
@@ -221,6 +233,7 @@ def test_bearing_turns_inward_at_the_edge(rho, delta, side, law):
     assert bearing_rate == pytest.approx(-side * k * law.damping * HALF, rel=1e-9)
 
 
+@settings(deadline=None)
 @given(
     st.builds(Polar, st.floats(0.3, 3.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0)),
     barriers,
@@ -269,6 +282,7 @@ def test_double_root_by_hand():
 # --- both polar laws --------------------------------------------------------------------------
 
 
+@settings(deadline=None)
 @given(
     inside, st.sampled_from([ParkKuipers(), ParkKuipers(bearing_limit=0.5), BarrierLyapunov(HALF)])
 )

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BPoly
 
@@ -44,6 +44,7 @@ def hermite(start, end, T):
     ]
 
 
+@settings(deadline=None)
 @given(states, states, durations, st.floats(0.0, 1.0), st.sampled_from([1, -1]))
 def test_position_and_twist_agree_with_hermite_interpolation(start, end, T, u, gear):
     trajectory = make(start, end, T, gear)
@@ -51,7 +52,7 @@ def test_position_and_twist_agree_with_hermite_interpolation(start, end, T, u, g
     t = u * T
     pose, twist = trajectory.at(t)
     scale = 1.0 + T * T
-    assert (pose.x, pose.y) == pytest.approx((x(t), y(t)), abs=1e-12 * scale)
+    assert (pose.x, pose.y) == pytest.approx((float(x(t)), float(y(t))), abs=1e-12 * scale)
     vx, vy, ax, ay = (float(p.derivative(k)(t)) for k in (1, 2) for p in (x, y))
     assert twist.v == pytest.approx(gear * math.hypot(vx, vy), abs=1e-10 * scale)
     assume(math.hypot(vx, vy) > 1e-2)
@@ -63,6 +64,7 @@ def test_position_and_twist_agree_with_hermite_interpolation(start, end, T, u, g
     )
 
 
+@settings(deadline=None)
 @given(states, states, durations)
 def test_coefficients_are_those_of_the_power_basis(start, end, T):
     trajectory = make(start, end, T)
@@ -72,6 +74,7 @@ def test_coefficients_are_those_of_the_power_basis(start, end, T):
         assert values == pytest.approx(reference(t), abs=1e-10 * (1.0 + T * T))
 
 
+@settings(deadline=None)
 @given(
     headings,
     st.floats(0.05, 1.0),
@@ -100,6 +103,7 @@ def test_turn_rate_at_rest_is_half_a_cross_j(heading, size, other, gear, which):
     ) == pytest.approx(0.0, abs=1e-12)
 
 
+@settings(deadline=None)
 @given(pair, pair, st.sampled_from(["start", "end"]))
 def test_turn_rate_at_rest_without_acceleration_is_a_third_of_j_cross_s(velocity, a, which):
     """At zero speed and acceleration, omega = (j x s) / (3 |j|^2), along the jerk."""
@@ -118,6 +122,7 @@ def test_turn_rate_at_rest_without_acceleration_is_a_third_of_j_cross_s(velocity
     assert wrap_angle(trajectory.pose(t).theta - math.atan2(jy, jx)) == pytest.approx(0, abs=1e-9)
 
 
+@settings(deadline=None)
 @given(pair, pair, st.sampled_from([1, -1]), st.sampled_from([0, 1, 2]))
 def test_heading_and_turn_rate_are_smooth_into_rest(velocity, acceleration, gear, order):
     """Near a rest the twist is no 0/0: it approaches its limit in proportion to the time."""
@@ -133,6 +138,7 @@ def test_heading_and_turn_rate_are_smooth_into_rest(velocity, acceleration, gear
     assert wrap_angle(ahead) == pytest.approx(1e-6 * limit[1].omega, abs=1e-9 * (1 + abs(slope)))
 
 
+@settings(deadline=None)
 @given(states, states, durations, st.floats(0.05, 0.95), st.sampled_from([1, -1]))
 def test_pose_moves_with_the_twist(start, end, T, u, gear):
     """Finite differences of the pose give (v cos, v sin, omega)."""
@@ -153,6 +159,7 @@ def test_pose_moves_with_the_twist(start, end, T, u, gear):
     )
 
 
+@settings(deadline=None)
 @given(headings, headings, st.floats(0.05, 0.5), st.floats(0.05, 0.5), st.sampled_from([1, -1]))
 def test_poses_and_speeds_are_met(theta0, theta1, v0, v1, gear):
     start, end = Pose2(0.0, 0.0, theta0), Pose2(1.0, 0.5, theta1)
@@ -241,6 +248,7 @@ def test_degenerate_inputs():
         Quintic(BoundaryState((0.0, 0.0)), BoundaryState((1.0, 0.0)), 1.0, gear=0)
 
 
+@settings(deadline=None)
 @given(st.floats(0.05, 10.0), st.sampled_from([1, -1]))
 def test_minimum_duration_is_tight(length, gear):
     limits = Limits(0.22, 0.4, 0.3, 1.0, v_min=-0.1)
@@ -260,16 +268,20 @@ def test_minimum_duration_of_two_metres():
         minimum_duration(1.0, Limits(0.2, 0.4, 0.3, 1.0, v_min=0.0), gear=-1)
 
 
+@settings(max_examples=25, deadline=None)
 @given(states, states, durations)
 def test_peaks_against_finite_differences(start, end, T):
     trajectory = make(start, end, T)
     peaks = trajectory.peaks()
     assume(peaks.turn_rate < 20.0 and peaks.angular_acceleration < 100.0)
-    t = np.linspace(0.0, T, 1201)
+    h = 1e-7 * T
+    t = np.linspace(0.0, T - h, 2001)
     v, omega = np.array([trajectory.twist(x) for x in t]).T
-    dense = (v, omega, np.diff(v) / np.diff(t), np.diff(omega) / np.diff(t))
+    v_after, omega_after = np.array([trajectory.twist(x + h) for x in t]).T
+    dense = (v, omega, (v_after - v) / h, (omega_after - omega) / h)
     for peak, values in zip(peaks, dense, strict=True):
-        assert peak == pytest.approx(np.max(np.abs(values)), rel=5e-2, abs=1e-6)
+        highest = np.max(np.abs(values))
+        assert highest * (1.0 - 1e-3) - 1e-5 <= peak <= highest * (1.0 + 5e-2) + 1e-5
 
 
 def test_limits_exceeded_names_the_limit():

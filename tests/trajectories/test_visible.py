@@ -12,7 +12,7 @@ from scipy.integrate import quad, solve_ivp
 from clfcbf.camera import FieldOfView
 from clfcbf.errors import GeometryError, PlanningError
 from clfcbf.limits import Limits
-from clfcbf.se2 import Pose2, Twist, wrap_angle
+from clfcbf.se2 import Pose2, Twist
 from clfcbf.trajectories.log_spiral import (
     ReverseLeg,
     edge_bearings,
@@ -46,6 +46,7 @@ def paper_start(rng):
     return Polar(rho, seen - math.asin(0.2 * math.sin(seen) / rho), delta)
 
 
+@settings(deadline=None)
 @given(starts)
 def test_ends_at_the_goal_in_line_and_straight(start):
     path = VisiblePath(start, STANDOFF)
@@ -75,6 +76,7 @@ def test_closed_form_solves_the_polar_dynamics(start):
     assert (phi, delta) == pytest.approx(expected[1:], abs=1e-7)
 
 
+@settings(deadline=None)
 @given(starts, st.floats(0.02, 0.98))
 def test_curvature_is_that_of_the_path(start, z):
     path, h = VisiblePath(start, STANDOFF), 1e-5
@@ -82,10 +84,12 @@ def test_curvature_is_that_of_the_path(start, z):
     step = before.relative(after)
     chord = math.hypot(step.x, step.y)
     assert step.theta / chord == pytest.approx(path.curvature(z), rel=1e-4, abs=1e-5)
-    # No side slip: the chord lies along the mean heading.
-    assert math.atan2(step.y, step.x) == pytest.approx(0.5 * step.theta, abs=1e-7)
+    # No side slip: the chord lies along the mean heading, but for a term of the next order.
+    slip = math.atan2(step.y, step.x) - 0.5 * step.theta
+    assert abs(slip) <= 1e-3 * abs(step.theta) + 1e-8
 
 
+@settings(deadline=None)
 @given(starts)
 def test_peak_bearing_against_dense_sampling(start):
     path = VisiblePath(start, STANDOFF)
@@ -110,12 +114,14 @@ def test_margin_against_dense_sampling(start, camera):
     assert margin == pytest.approx(dense, abs=1e-3)
 
 
+@settings(deadline=None)
 @given(starts)
 def test_margin_of_a_centred_camera_is_the_closed_form(start):
     path = VisiblePath(start, STANDOFF)
     assert path.margin(CENTRED) == pytest.approx(HALF - path.peak_bearing, abs=1e-6)
 
 
+@settings(deadline=None)
 @given(starts, st.floats(0.0, 1.0))
 def test_camera_offset_raises_the_tangent(start, z):
     path, offset = VisiblePath(start, STANDOFF), 0.2
@@ -130,21 +136,26 @@ def test_camera_offset_raises_the_tangent(start, z):
 @settings(max_examples=30, deadline=None)
 @given(starts)
 def test_sampled_path_is_the_path(start):
-    """Arc lengths against dense chords, and poses rebuilt from curvature alone."""
+    """Arc lengths against dense chords; poses rebuilt from curvature alone, to second order."""
     path = VisiblePath(start, STANDOFF)
     sampled = path.sampled()
     points = np.array([path.pose(z)[:2] for z in np.linspace(0.0, 1.0, 2001)])
     chords = np.sum(np.hypot(*np.diff(points, axis=0).T))
     assert sampled.length == pytest.approx(chords, rel=1e-5)
     assert sampled.pose(sampled.length) == pytest.approx(path.pose(1.0), abs=1e-12)
-    bend = 1.0 + np.max(np.abs(sampled.curvature)) ** 2
-    rebuilt = type(sampled).from_curvature(sampled.s, sampled.curvature)
-    assert rebuilt.poses[-1][:2] == pytest.approx(sampled.poses[-1][:2], abs=1e-4 * bend)
-    assert wrap_angle(rebuilt.poses[-1][2] - sampled.poses[-1][2]) == pytest.approx(
-        0.0, abs=1e-4 * bend
-    )
+
+    def miss(samples):
+        exact = path.sampled(samples)
+        rebuilt = type(exact).from_curvature(exact.s, exact.curvature)
+        # Both headings are unwrapped, from starts that are a whole number of turns apart.
+        turned = (rebuilt.poses - exact.poses)[-1] - (rebuilt.poses - exact.poses)[0]
+        return np.max(np.abs(turned))
+
+    assert miss(801) <= 0.3 * miss(401) + 1e-9
+    assert miss(401) <= 0.3 * miss(201) + 1e-9
 
 
+@settings(deadline=None)
 @given(starts)
 def test_feedback_curvature_is_the_path_s_first(start):
     assert visible_curvature(start, STANDOFF) == pytest.approx(
@@ -155,24 +166,27 @@ def test_feedback_curvature_is_the_path_s_first(start):
 @settings(max_examples=20, deadline=None)
 @given(starts)
 def test_feedback_arrives_on_the_axis(start):
-    """Solved afresh at each state, the law still converges: stop just short of the standoff."""
+    """Solved afresh at each state, the law still converges: stop just short of the standoff.
 
-    def slope(_, state):
-        q = Polar(*state)
-        return polar(q).rate(Twist(1.0, visible_curvature(q, STANDOFF)))
+    The log range runs down as the independent variable, so the speed does not matter.
+    """
+    assume(start.rho > 1.0)
 
-    def near(_, state):
-        return state[0] - 1.02 * STANDOFF
+    def slope(tau, state):
+        q = Polar(start.rho * math.exp(-tau), *state)
+        rate = polar(q).rate(Twist(1.0, visible_curvature(q, STANDOFF)))
+        per_tau = -q.rho / rate[0]
+        return rate[1] * per_tau, rate[2] * per_tau
 
-    near.terminal = True
-    assume(start.rho > 1.1)
-    out = solve_ivp(slope, (0.0, 10.0), start, events=near, rtol=1e-9, atol=1e-11)
-    _, phi, delta = out.y[:, -1]
-    assert out.status == 1
-    assert abs(delta) < 0.02 * abs(start.delta) + 0.01
-    assert abs(phi) < 0.1
+    end = math.log(start.rho / (1.02 * STANDOFF))
+    out = solve_ivp(slope, (0.0, end), start[1:], rtol=1e-9, atol=1e-11)
+    assert out.status == 0
+    phi, delta = np.abs(out.y[:, -1])
+    assert delta < 0.02
+    assert phi < 0.2
 
 
+@settings(deadline=None)
 @given(starts)
 def test_mirror_image(start):
     path = VisiblePath(start, STANDOFF)
@@ -221,6 +235,7 @@ def test_visible_path_can_be_timed(start):
 # --- what the view allows -------------------------------------------------------------------
 
 
+@settings(deadline=None)
 @given(st.floats(0.5, 4.0), cameras)
 def test_edge_bearings_are_on_the_edges(rho, camera):
     right, left = edge_bearings(rho, camera)
@@ -230,6 +245,7 @@ def test_edge_bearings_are_on_the_edges(rho, camera):
     assert right < left
 
 
+@settings(deadline=None)
 @given(st.floats(0.61, 4.0), cameras)
 def test_forward_limit_against_quadrature(rho, camera):
     def integral(edge):
@@ -249,6 +265,7 @@ def test_forward_limit_published_values(rho, camera, expected):
     assert (round(-lowest, 3), round(highest, 3)) == (expected, expected)
 
 
+@settings(deadline=None)
 @given(st.floats(0.8, 3.0), st.sampled_from([CENTRED, AHEAD]))
 def test_forward_limit_is_necessary_for_a_visible_path(rho, camera):
     _, highest = forward_limit(rho, STANDOFF, camera)

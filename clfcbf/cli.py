@@ -1,0 +1,221 @@
+"""The command line: ``clfcbf COMMAND [OPTIONS]``."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
+
+from clfcbf import defaults, plots, report
+from clfcbf.errors import ClfcbfError, ConfigurationError, MissingExtraError
+from clfcbf.simulation import campaign
+from clfcbf.simulation.campaign import EpisodeSpec
+from clfcbf.simulation.scenarios import World, limits_named, region_named
+
+__all__ = ["COMMANDS", "Approach", "Command", "approach", "main", "usable_cores"]
+
+USAGE_ERROR = 2
+"""Exit status where the command was wrong or cannot run here, as argument parsers have it."""
+INTERRUPTED = 130
+"""Exit status after Ctrl-C: 128 and the number of SIGINT, as shells have it."""
+
+
+class Command(Protocol):
+    """A subcommand: a dataclass whose fields are its options."""
+
+    def run(self) -> int:
+        """Do it; the exit status."""
+
+
+def usable_cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@dataclass(frozen=True, slots=True)
+class Approach:
+    """Dock from seeded random starts in simulation and report the errors of every run.
+
+    The exit status is 0 whenever all runs were made, whatever came out of them.
+    """
+
+    poses: int = 30
+    """Number of runs, each from its own start."""
+    seed: int = 0
+    """Seed of the campaign: starts, bodies and sensor noise follow from it."""
+    region: str = "R1"
+    """Where runs start: R1 (the paper's region), R3 (close) or R4 (close and to the side)."""
+    controller: str = "clf-cbf"
+    """clf-cbf, or paper for the published method."""
+    plant: str = "mujoco"
+    """mujoco, with wheels and contact, or kinematic, exact arcs."""
+    sensor: str = "A"
+    """ideal, A (white noise), B (A and a calibration error) or C (A and a bias by distance)."""
+    limits: str = "approaching"
+    """Speed limits of the stage: approaching (0.22 m/s, 0.4 rad/s) or docking (0.35, 0.25)."""
+    ideal: bool = False
+    """No lag, no slip, no sensor noise, no latency."""
+    backend: str = "exact"
+    """Solver of the quadratic program."""
+    workers: int = field(default_factory=usable_cores)
+    """Processes that share the runs; the default is one for each usable core."""
+    json: Path | None = None
+    """Write every run and the summary here, over what is there."""
+    plot: Path | None = None
+    """Draw the runs here: .png, .svg or .pdf."""
+
+    @property
+    def specs(self) -> list[EpisodeSpec]:
+        """The runs."""
+        return [
+            EpisodeSpec(
+                self.region, self.seed, index, self.controller, self.plant, self.sensor,
+                self.limits, self.backend, self.ideal,
+            )
+            for index in range(self.poses)
+        ]  # fmt: skip
+
+    @property
+    def heading(self) -> str:
+        """What is run, in three lines."""
+        limits = limits_named(self.limits)
+        sensor = "ideal sensor and body" if self.ideal else f"sensor {self.sensor}"
+        return (
+            f"{self.poses} runs from {self.region} ({region_named(self.region).about}), "
+            f"seed {self.seed}\n"
+            f"controller {self.controller}, backend {self.backend}, plant {self.plant}, {sensor}\n"
+            f"limits {self.limits}: {limits.v_max:g} m/s, {limits.omega_max:g} rad/s, "
+            f"{limits.a_max:g} m/s², {limits.alpha_max:g} rad/s²"
+        )
+
+    def run(self) -> int:
+        """Make the runs."""
+        return approach(self)
+
+
+COMMANDS: dict[str, type[Command]] = {"approach": Approach}
+"""Subcommands by name; a further one is one line."""
+
+
+def _check(options: Approach, world: World) -> None:
+    for name, least in (("poses", 1), ("seed", 0), ("workers", 1)):
+        value = getattr(options, name)
+        if value < least:
+            raise ConfigurationError(f"--{name} must be at least {least}, got {value}")
+    campaign.check_spec(options.specs[0], world)
+    for path in (options.json, options.plot):
+        if path is not None:
+            report.check_writable(path)
+    if options.plot is not None:
+        plots.check_format(options.plot)
+
+
+def approach(options: Approach, world: World | None = None) -> int:
+    """Make the runs, write the files asked for, print the table; the exit status.
+
+    ``world`` is what stands where; the default is the one that published figures refer to.
+    Everything that can be refused is refused before the first run.
+    """
+    world = world or World()
+    _check(options, world)
+    specs = options.specs
+    work = campaign.record if options.plot is None else campaign.record_and_track
+    runs = campaign.run_specs(specs, options.workers, partial(work, world=world))
+    records = list(_progress(runs, len(specs)))
+    tracks = [record.pop("track", None) for record in records]
+    summary = campaign.summarise(records)
+    if options.json is not None:
+        settings = {**asdict(options), "config_hash": defaults.fingerprint()}
+        report.write_json(options.json, _document(settings, records, summary))
+    if options.plot is not None:
+        figure = plots.approach_figure(records, tracks, world)
+        plots.save_figure(figure, options.plot)
+    _print(report.table(records, summary, options.heading))
+    return 0
+
+
+def _document(
+    settings: Mapping[str, Any], records: Sequence[Mapping[str, Any]], summary: Mapping[str, Any]
+) -> dict[str, Any]:
+    config = {key: str(value) if isinstance(value, Path) else value
+              for key, value in settings.items()}  # fmt: skip
+    config["versions"] = report.versions()
+    return {"config": config, "episodes": list(records), "summary": dict(summary)}
+
+
+def _progress(runs: Iterable[dict[str, Any]], total: int) -> Iterable[dict[str, Any]]:
+    try:
+        from tqdm import tqdm
+    except ImportError as error:
+        raise MissingExtraError("tqdm", "cli") from error
+    bar: Iterable[dict[str, Any]] = tqdm(
+        runs, total=total, unit="run", file=sys.stderr, leave=False,
+        disable=None,  # silent where stderr is not a terminal
+    )  # fmt: skip
+    return bar
+
+
+def _print(text: str) -> None:
+    """Print also where the terminal's encoding lacks a character, or the reader has left."""
+    encoding = sys.stdout.encoding or "utf-8"
+    try:
+        print(text.encode(encoding, "replace").decode(encoding), flush=True)
+    except BrokenPipeError:  # such as of "| head": the interpreter must not flush again at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _parsed(argv: Sequence[str] | None) -> Command:
+    try:
+        import tyro
+    except ImportError as error:
+        raise MissingExtraError("tyro", "cli") from error
+    registry = tyro.constructors.ConstructorRegistry()
+
+    @registry.primitive_rule
+    def _file(
+        info: tyro.constructors.PrimitiveTypeInfo,
+    ) -> tyro.constructors.PrimitiveConstructorSpec[Path | None] | None:
+        if info.type != Path | None:
+            return None
+        return tyro.constructors.PrimitiveConstructorSpec(
+            nargs=1,
+            metavar="FILE",
+            instance_from_str=lambda words: Path(words[0]),
+            is_instance=lambda value: value is None or isinstance(value, Path),
+            str_from_instance=lambda value: ["none" if value is None else str(value)],
+        )
+
+    commands: dict[str, Callable[..., Any]] = dict(COMMANDS)
+    command: Command = tyro.extras.subcommand_cli_from_dict(
+        commands,
+        prog="clfcbf",
+        description="Safe docking control for nonholonomic robots.",
+        args=None if argv is None else list(argv),
+        config=(tyro.conf.FlagCreatePairsOff,),
+        registry=registry,
+    )
+    return command
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run ``clfcbf`` with ``argv``, or with the process's arguments; the exit status."""
+    try:
+        return _parsed(argv).run()
+    except ClfcbfError as error:
+        print(f"clfcbf: {error}", file=sys.stderr)
+        return USAGE_ERROR
+    except KeyboardInterrupt:
+        print("clfcbf: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except SystemExit as stop:  # the parser's, after it has printed its help or its error
+        return stop.code if isinstance(stop.code, int) else USAGE_ERROR
+
+
+if __name__ == "__main__":
+    sys.exit(main())

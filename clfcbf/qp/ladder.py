@@ -1,0 +1,109 @@
+r"""The lexicographic program through any backend.
+
+The slacks of the levels are geometry and always exact; the last step, the projection of the
+nominal command onto what the levels leave, is a strictly convex quadratic program that a named
+backend may solve. Its answer is checked against the exact one and against the relaxed rows, and
+the exact one takes its place where it fails.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from clfcbf.qp.backends import Backend, get_backend
+from clfcbf.qp.lexicographic import (
+    BackendHealth,
+    Box,
+    Level,
+    LexicographicSolution,
+    Weight,
+    solve_lexicographic,
+)
+from clfcbf.qp.problem import QpStatus, QuadraticProgram
+
+__all__ = ["AGREEMENT", "solve_ladder"]
+
+AGREEMENT = 1e-6
+"""Largest distance to the exact command [m/s, rad/s]: under what a drive can resolve."""
+
+
+def solve_ladder(
+    weight: Weight,
+    nominal: tuple[float, float],
+    box: Box,
+    levels: Sequence[Level],
+    backend: str | Backend = "exact",
+) -> LexicographicSolution | None:
+    """As :func:`clfcbf.qp.exact.solve_lexicographic`, its last step by ``backend``.
+
+    Parameters
+    ----------
+    weight, nominal, box, levels : see there
+    backend : one of :func:`clfcbf.available_backends`, or a :class:`Backend`
+
+    Returns
+    -------
+    The solution; with a backend other than ``"exact"`` its ``health`` says whether the
+    backend's answer was taken and why not. None where the data is not finite.
+
+    Raises
+    ------
+    BackendError : no backend has that name
+    MissingExtraError : the backend's package is not installed
+    """
+    exact = solve_lexicographic(weight, nominal, box, levels)
+    if exact is None or backend == "exact":
+        return exact
+    solver = get_backend(backend) if isinstance(backend, str) else backend
+    problem = _last_program(weight, nominal, box, levels, exact)
+    try:
+        claim = solver.solve(problem)
+    except Exception as error:  # solvers raise what they please; the exact answer is at hand
+        note = f"{type(error).__name__}: {error}"
+        return exact._replace(
+            health=BackendHealth(solver.name, False, QpStatus.NUMERICAL_ERROR.value, math.inf, note)
+        )
+    if claim.x is None or not claim.status.found or claim.x.shape != (2,):
+        health = BackendHealth(solver.name, False, claim.status.value, math.inf, claim.message)
+        return exact._replace(health=health)
+    v, omega = claim.x.tolist()
+    distance = math.hypot(v - exact.v, omega - exact.omega)
+    admitted: LexicographicSolution | None = None
+    # The backend's tolerance must not become the limits' and the barriers': its point moves to
+    # the nearest one that box and relaxed rows admit, to the last bit.
+    if distance <= AGREEMENT:
+        admitted = solve_lexicographic(weight, (v, omega), box, levels)
+    if admitted is None:  # NaN and infinity included
+        note = f"({v!r}, {omega!r}) is not within {AGREEMENT!r} of the exact answer"
+        far = distance if distance < math.inf else math.inf
+        health = BackendHealth(solver.name, False, claim.status.value, far, note)
+        return exact._replace(health=health)
+    health = BackendHealth(solver.name, True, claim.status.value, distance, claim.message)
+    return exact._replace(v=admitted.v, omega=admitted.omega, health=health)
+
+
+def _last_program(
+    weight: Weight,
+    nominal: tuple[float, float],
+    box: Box,
+    levels: Sequence[Level],
+    exact: LexicographicSolution,
+) -> QuadraticProgram:
+    """The projection onto the rows as the levels' slacks leave them."""
+    q11, q12, q22 = weight
+    rows = [
+        (a, c, b + slack * math.hypot(a, c))
+        for level, slack in zip(levels, exact.slacks, strict=True)
+        for a, c, b in level
+        if a or c
+    ]
+    v, omega = nominal
+    return QuadraticProgram(
+        ((q11, q12), (q12, q22)),
+        (-q11 * v - q12 * omega, -q12 * v - q22 * omega),
+        [row[:2] for row in rows] or None,
+        [row[2] for row in rows] or None,
+        (box[0], box[2]),
+        (box[1], box[3]),
+    )

@@ -1,0 +1,200 @@
+r"""The quadratic program and its answer, in the notation that Python solvers share.
+
+.. math:: \min_z\ \tfrac12 z^\top P z + q^\top z
+          \quad\text{s.t.}\quad G z \le h,\quad lb \le z \le ub
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from clfcbf.errors import ConfigurationError
+
+__all__ = ["Array", "QpSolution", "QpStatus", "QuadraticProgram", "Residuals"]
+
+Array = NDArray[np.float64]
+
+_SYMMETRY = 1e-12
+"""Asymmetry of P taken for rounding, relative to its largest entry."""
+
+
+class QpStatus(Enum):
+    """What is known of a program after a solve; only the first two come with an answer."""
+
+    OPTIMAL = "optimal"
+    """Every condition of optimality was recomputed here and holds."""
+    RELAXED = "relaxed"
+    """Optimal after some rows were relaxed by the least amount."""
+    INFEASIBLE = "infeasible"
+    """No point satisfies the rows, and a certificate of that was checked here."""
+    UNBOUNDED = "unbounded"
+    """The solver found the cost unbounded below."""
+    ITERATION_LIMIT = "iteration limit"
+    """The solver ran out of iterations."""
+    TIME_LIMIT = "time limit"
+    """The solver ran out of time."""
+    NUMERICAL_ERROR = "numerical error"
+    """The solver failed, or gave an answer that does not stand verification."""
+    INVALID_INPUT = "invalid input"
+    """The data holds a NaN, an infinity where none may be, or a cost that is not convex."""
+    UNPROVEN = "unproven"
+    """The solver calls the program infeasible and no certificate of that was found."""
+
+    @property
+    def found(self) -> bool:
+        """Whether an answer comes with this status."""
+        return self is QpStatus.OPTIMAL or self is QpStatus.RELAXED
+
+
+def _read_only(values: ArrayLike | None, shape: tuple[int, ...], name: str, fill: float) -> Array:
+    if values is None:
+        array = np.full(shape, fill)
+    else:
+        try:
+            array = np.array(values, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise ConfigurationError(f"{name} is not an array of numbers: {error}") from error
+        if array.shape != shape:
+            raise ConfigurationError(f"{name} must have shape {shape}, got {array.shape}")
+    array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True, slots=True, init=False, eq=False)
+class QuadraticProgram:
+    r"""A convex quadratic program.
+
+    Parameters
+    ----------
+    P : symmetric, positive semidefinite, shape (n, n)
+    q : shape (n,)
+    G, h : rows :math:`G z \le h`, shapes (m, n) and (m,); both or neither; ``inf`` in h for none
+    lb, ub : bounds, shape (n,); infinite entries, or None, for none
+
+    Attributes
+    ----------
+    P, q, G, h, lb, ub : float64, read-only, filled in where None was given
+
+    Raises
+    ------
+    ConfigurationError : a shape does not fit, P is not symmetric, G without h or h without G
+
+    Notes
+    -----
+    A NaN is not refused here: :func:`clfcbf.solve_qp` answers it with ``INVALID_INPUT``.
+    """
+
+    P: Array
+    q: Array
+    G: Array
+    h: Array
+    lb: Array
+    ub: Array
+
+    def __init__(
+        self,
+        P: ArrayLike,
+        q: ArrayLike,
+        G: ArrayLike | None = None,
+        h: ArrayLike | None = None,
+        lb: ArrayLike | None = None,
+        ub: ArrayLike | None = None,
+    ) -> None:
+        n = np.size(q)
+        if n == 0:
+            raise ConfigurationError("q must have at least one entry, got none")
+        if (G is None) != (h is None):
+            raise ConfigurationError("G and h must be given together, got only one of them")
+        m = 0 if h is None else np.size(h)
+        cost = _read_only(P, (n, n), "P", 0.0)
+        if np.isfinite(cost).all():
+            asymmetry = float(np.abs(cost - cost.T).max())
+            if asymmetry > _SYMMETRY * float(np.abs(cost).max()):
+                raise ConfigurationError(f"P must be symmetric, off by {asymmetry!r}")
+        fields = {
+            "P": cost,
+            "q": _read_only(q, (n,), "q", 0.0),
+            "G": _read_only(G, (m, n), "G", 0.0),
+            "h": _read_only(h, (m,), "h", 0.0),
+            "lb": _read_only(lb, (n,), "lb", -np.inf),
+            "ub": _read_only(ub, (n,), "ub", np.inf),
+        }
+        for name, array in fields.items():
+            object.__setattr__(self, name, array)
+
+    @property
+    def n(self) -> int:
+        """Number of variables."""
+        return self.q.size
+
+    @property
+    def m(self) -> int:
+        """Number of rows."""
+        return self.h.size
+
+    @property
+    def well_posed(self) -> bool:
+        """Whether every number is finite, bounds and h apart, which may be infinite upward."""
+        return bool(
+            np.isfinite(self.P).all()
+            and np.isfinite(self.q).all()
+            and np.isfinite(self.G).all()
+            and (self.h > -np.inf).all()
+            and (self.lb < np.inf).all()
+            and (self.ub > -np.inf).all()
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    r"""How far a point and its multipliers are from optimal; see :func:`clfcbf.qp.verify`.
+
+    Attributes
+    ----------
+    primal : largest distance to the wrong side of a row or bound, over :math:`1 + |z|_\infty`
+    dual : largest entry of :math:`Pz + q + G^\top\lambda + \mu`, and largest multiplier of the
+        wrong sign, over one plus the largest term
+    gap : :math:`|z^\top P z + q^\top z + h^\top\lambda + \ldots|` over one plus the largest term
+    """
+
+    primal: float
+    dual: float
+    gap: float
+
+    @property
+    def worst(self) -> float:
+        """The largest of the three."""
+        return max(self.primal, self.dual, self.gap)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class QpSolution:
+    r"""What came of a solve.
+
+    Attributes
+    ----------
+    x : the answer, shape (n,), or None where there is none: never a point that failed
+    status : what is known of it
+    backend : name of the backend
+    dual : multipliers :math:`\lambda \ge 0` of the rows, shape (m,), or None
+    dual_bounds : of the bounds, shape (n,), negative at a lower bound, or None
+    residuals : recomputed by :func:`clfcbf.qp.verify`, or None where there is no answer
+    message : what the backend said, or what was wrong
+    """
+
+    x: Array | None
+    status: QpStatus
+    backend: str
+    dual: Array | None = None
+    dual_bounds: Array | None = None
+    residuals: Residuals | None = None
+    message: str = ""
+
+    @property
+    def found(self) -> bool:
+        """Whether ``x`` is an answer."""
+        return self.x is not None and self.status.found
