@@ -1,8 +1,8 @@
 r"""The paper's tracking controller: a virtual target followed through the CLF-CBF-QP.
 
-The nominal command is Kanayama's law, which is also the witness of the Lyapunov row: it asks
-for a fraction of the decay the law itself has, and never for more than the law reaches inside
-the tick's input box. So limits alone never force a slack; only a barrier can.
+The nominal command is Kanayama's law as far as the tick's input box lets it, which is also the
+witness of the Lyapunov row: that asks for a fraction of the law's own decay, and never for more
+than the nominal command has. So limits alone never force a slack; only a barrier can.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from clfcbf.errors import ConfigurationError
 from clfcbf.estimation import coast, motion_since
 from clfcbf.laws.kanayama import Kanayama
 from clfcbf.limits import Limits, check_period
-from clfcbf.safety_filter import (
+from clfcbf.safety_filter import as_barriers
+from clfcbf.scene import Observation, Reference, Scene
+from clfcbf.se2 import Twist, is_finite
+from clfcbf.tick import (
     FilterConfig,
     FilterState,
-    as_barriers,
     begin,
     finish,
     scene_now,
     stop,
 )
-from clfcbf.scene import Observation, Reference, Scene
-from clfcbf.se2 import Twist, is_finite
 
 __all__ = [
     "DockingController",
@@ -85,9 +85,9 @@ def tracking_tick(
     motion = motion_since(begun.reckoning, scene.stamp)
     ahead = motion.compose(coast(begun.reckoning.body, base.lag))
     error = ahead.relative(reference.pose)
-    nominal = config.law.command(error, reference.twist)
+    nominal = begun.box.clip(config.law.command(error, reference.twist))
     row = kanayama_clf(error, reference.twist, config.law, config.fraction)
-    row = row.attainable(begun.box.clip(nominal))
+    row = row.attainable(nominal)
     return finish(base, begun, nominal, present, (row,))
 
 

@@ -18,9 +18,9 @@ from clfcbf.decision import Decision, Phase, Status
 from clfcbf.errors import ConfigurationError, PlanningError
 from clfcbf.estimation import NoiseModel, TargetEstimate, coast, grown, measured, reckoned
 from clfcbf.laws.kanayama import Kanayama
-from clfcbf.safety_filter import Begun, FilterConfig, FilterState, begin, finish, stop
 from clfcbf.scene import Observation, Scene
 from clfcbf.se2 import Pose2, Twist, is_finite
+from clfcbf.tick import Begun, FilterConfig, FilterState, begin, finish, stop
 from clfcbf.trajectories.build import arc_path
 from clfcbf.trajectories.following import Following, FollowingGains, at_rest, follow
 from clfcbf.trajectories.legs import Leg, Path
@@ -199,7 +199,10 @@ def _unsound(config: DockingConfig, observation: Observation, now: float) -> Sta
         return Status.CLOCK_ERROR
     if now - observation.stamp > config.patience:
         return Status.STALE
-    if abs(config.camera.bearing((observation.feature[0], observation.feature[1]))) >= 0.5 * math.pi:
+    if (
+        abs(config.camera.bearing((observation.feature[0], observation.feature[1])))
+        >= 0.5 * math.pi
+    ):
         return Status.OUT_OF_VIEW
     return None
 

@@ -55,3 +55,7 @@ class MissingExtraError(ClfcbfError, ImportError):
         )
         self.package = package
         self.extra = extra
+
+    def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str]]:
+        """Pickled by its arguments, so that it crosses from a worker process."""
+        return type(self), (self.package, self.extra)

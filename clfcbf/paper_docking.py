@@ -20,9 +20,9 @@ from clfcbf.errors import GeometryError
 from clfcbf.guard import Brake
 from clfcbf.limits import Limits
 from clfcbf.paper import PaperConfig, paper_command
-from clfcbf.safety_filter import FilterConfig, FilterState, begin, stop
 from clfcbf.scene import Observation
 from clfcbf.se2 import Pose2, Twist
+from clfcbf.tick import FilterConfig, FilterState, begin, stop
 from clfcbf.trajectories.following import at_rest
 from clfcbf.trajectories.quintic import Quintic, minimum_duration
 

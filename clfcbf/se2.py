@@ -21,6 +21,8 @@ _TWO_PI = 2.0 * math.pi
 
 def wrap_angle(angle: float) -> float:
     """Wrap an angle to (-pi, pi] [rad]; exact for every finite angle."""
+    if -math.pi < angle <= math.pi:
+        return angle
     wrapped = math.remainder(angle, _TWO_PI)
     return math.pi if wrapped == -math.pi else wrapped
 

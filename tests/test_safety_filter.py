@@ -24,8 +24,9 @@ from clfcbf.errors import BackendError, ConfigurationError
 from clfcbf.estimation import body_after
 from clfcbf.guard import moved_scene
 from clfcbf.laws.kanayama import Kanayama
-from clfcbf.safety_filter import FilterInputs, FilterState, filter_tick
+from clfcbf.safety_filter import FilterInputs, filter_tick
 from clfcbf.se2 import arc
+from clfcbf.tick import FilterState
 from tests.strategies import any_float
 
 PERIOD = 1 / 30

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from clfcbf.errors import ConfigurationError
 from clfcbf.se2 import Pose2, Twist
 
-__all__ = ["Kanayama", "Samson", "check_gains"]
+__all__ = ["Kanayama", "Samson", "check_gains", "sinc"]
 
 
 def check_gains(law: str, **gains: float) -> None:

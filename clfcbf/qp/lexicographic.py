@@ -21,9 +21,10 @@ from typing import NamedTuple
 
 from clfcbf.errors import ConfigurationError
 from clfcbf.qp.objective import Objective, ill_conditioned, nearest_on_edge
-from clfcbf.qp.polygon import TRUSTED, Delicate, box_polygon, relax
+from clfcbf.qp.polygon import TRUSTED, Delicate, box_polygon
 from clfcbf.qp.projection import NOISE, box_scale, project
 from clfcbf.qp.rational import solve_rational
+from clfcbf.qp.relaxation import relax
 
 __all__ = [
     "BackendHealth",

@@ -1,4 +1,4 @@
-r"""Convex polygons of commands: clipping, least violation, nearest point.
+r"""Convex polygons of commands: clipping by half-planes.
 
 Everything here runs on floats and on :class:`fractions.Fraction` alike: one text, two
 arithmetics. On floats a decision that rounding could turn raises :class:`Delicate`, and the
@@ -10,11 +10,10 @@ a point one, and the empty list is the empty set.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import TypeVar
 
-__all__ = ["PARALLEL", "TRUSTED", "Delicate", "box_polygon", "clip", "relax"]
+__all__ = ["PARALLEL", "TRUSTED", "Delicate", "box_polygon", "clip"]
 
 N = TypeVar("N", float, Fraction)
 
@@ -96,129 +95,3 @@ def clip(polygon: list[tuple[N, N]], row: tuple[N, N, N], noise: N) -> list[tupl
 
 def _between(p: tuple[N, N], q: tuple[N, N], t: N) -> tuple[N, N]:
     return (p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1]))
-
-
-def _lowest_face(
-    polygon: list[tuple[N, N]], row: tuple[N, N, N], noise: N
-) -> tuple[list[tuple[N, N]], N]:
-    """Corner or edge of ``polygon`` where ``a.u - b`` is least, and that value."""
-    a, c, b = row
-    count = len(polygon)
-    values = [a * x + c * y for x, y in polygon]
-    least = min(values)
-    first = last = values.index(least)
-    # Slopes, not values, decide ties: along a side of the box their signs carry no rounding.
-    for step in (1, -1):
-        at = first
-        for _ in range(count - 1):
-            nxt = (at + step) % count
-            if nxt == last:
-                break
-            dx, dy = polygon[nxt][0] - polygon[at][0], polygon[nxt][1] - polygon[at][1]
-            rise, length = a * dx + c * dy, abs(dx) + abs(dy)
-            flat = abs(rise) * PARALLEL <= length
-            if noise and ((dx and dy and abs(rise) <= noise) or (rise < 0 and not flat)):
-                raise Delicate
-            if not flat:
-                break
-            at = nxt
-        if step > 0:
-            last = at
-        else:
-            first = at
-    if first == last:
-        return [polygon[first]], least - b
-    return [polygon[first], polygon[last]], least - b
-
-
-def _least_violation(
-    polygon: list[tuple[N, N]], rows: Sequence[tuple[N, N, N]], noise: N
-) -> tuple[list[tuple[N, N]], N]:
-    r"""Where :math:`\max_i (a_i^\top u - b_i)` is least over ``polygon``, and that value.
-
-    ``rows`` have unit length. Incremental: the minimum over the rows so far either satisfies
-    the next row, or the new minimum lies where the next row is the largest [Seidel1991]_.
-    With rows of unit length the minimum is attained on a corner or an edge, never on an area.
-    """
-    rows = _tightest(rows) if len(rows) > 1 else rows
-    taken = [rows[0]]
-    face, value = _lowest_face(polygon, rows[0], noise)
-    for row in rows[1:]:
-        a, c, b = row
-        within = clip(face, (a, c, b + value), noise)
-        if within:
-            face = within
-        else:
-            region = polygon
-            for i, j, k in taken:
-                region = _clip_difference(region, (i - a, j - c, k - b), noise)
-            # Empty only where the rows are one to rounding (PARALLEL): the face stands.
-            if region:
-                face, value = _lowest_face(region, row, noise)
-            elif noise:
-                raise Delicate
-        taken.append(row)
-    return face, value
-
-
-def _tightest(rows: Sequence[tuple[N, N, N]]) -> list[tuple[N, N, N]]:
-    """Of unit rows in one direction, to rounding, the one with the least right-hand side."""
-    kept: list[tuple[N, N, N]] = []
-    for a, c, b in rows:
-        for index, (d, e, f) in enumerate(kept):
-            if abs(a * e - c * d) * PARALLEL <= 1 and a * d + c * e > 0:
-                if b < f:
-                    kept[index] = (a, c, b)
-                break
-        else:
-            kept.append((a, c, b))
-    return kept
-
-
-def _clip_difference(
-    polygon: list[tuple[N, N]], row: tuple[N, N, N], noise: N
-) -> list[tuple[N, N]]:
-    """``clip`` that also takes the empty polygon and the zero row."""
-    if not polygon or (row[0] == 0 and row[1] == 0):
-        return polygon if row[2] >= 0 else []
-    return clip(polygon, row, noise)
-
-
-def relax(
-    polygon: list[tuple[N, N]],
-    levels: Sequence[Sequence[tuple[N, N, N]]],
-    unit: Callable[[tuple[N, N, N]], tuple[N, N, N]],
-    noise: N,
-) -> tuple[list[tuple[N, N]], list[N]]:
-    r"""Clip by level after level; where one does not fit, relax it as little as possible.
-
-    Level :math:`\ell` leaves :math:`\{u \in C_{\ell-1} : a_i^\top u \le b_i + s_\ell |a_i|\}` with
-    :math:`s_\ell = \min_{u \in C_{\ell-1}} \max_i\,(a_i^\top u - b_i)^+ / |a_i|`.
-
-    Parameters
-    ----------
-    polygon : corners of :math:`C_0`, not empty
-    levels : rows ``(a_v, a_w, b)`` without zero rows, the most important level first
-    unit : scales a row to unit length
-    noise : as in :func:`clip`
-
-    Returns
-    -------
-    The corners of the last :math:`C_\ell` and one slack a level
-    """
-    slacks: list[N] = []
-    for rows in levels:
-        kept = polygon
-        for row in rows:
-            kept = clip(kept, row, noise)
-            if not kept:
-                break
-        if kept:
-            polygon = kept
-            slacks.append(noise - noise)
-        else:
-            polygon, slack = _least_violation(polygon, [unit(row) for row in rows], noise)
-            if slack <= noise and noise:
-                raise Delicate
-            slacks.append(slack)
-    return polygon, slacks

@@ -97,7 +97,7 @@ def _controller(spec: EpisodeSpec, world: World, lag: float) -> EpisodeControlle
     if spec.controller == "paper":
         from clfcbf.paper_docking import PaperDocking
 
-        return PaperDocking(limits, world.camera, world.standoff, world.period)
+        return PaperDocking(limits, world.camera, world.standoff, world.period, lag=lag)
     return DockingController(
         limits, world.camera, world.standoff, world.period, spec.backend, lag=lag
     )

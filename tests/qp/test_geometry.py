@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clfcbf.qp.objective import cost, ill_conditioned, line_minimum, minimiser, nearest_on_edge
-from clfcbf.qp.polygon import Delicate, box_polygon, clip, relax
+from clfcbf.qp.polygon import Delicate, box_polygon, clip
 from clfcbf.qp.projection import project
 from clfcbf.qp.rational import solve_rational
+from clfcbf.qp.relaxation import relax
 
 small = st.integers(-400, 400).map(lambda k: k / 256)
 positive = st.integers(1, 400).map(lambda k: k / 256)

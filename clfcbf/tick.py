@@ -1,0 +1,234 @@
+r"""One tick from a nominal command to the closest safe one.
+
+Rows, program, verification, guard, in this order:
+
+.. math::
+
+    \min_u \tfrac12 \|u - u_{nom}\|_Q^2 \quad\text{s.t.}\quad
+    u \in \text{box},\quad \dot h_i(u) \ge -\lambda_i h_i,\quad \dot V(u) \le -\sigma W
+
+with limits never given up, barriers before the Lyapunov row, and that before the nominal
+command. Then the guard asks for more than rows can promise: that a stop from the command stays
+safe. What the tick remembers is one value that goes in and comes out, so a run can be replayed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from clfcbf import defaults
+from clfcbf.constraints.barrier import Barrier
+from clfcbf.constraints.rows import Priority, Row, Rows
+from clfcbf.decision import Decision, Status
+from clfcbf.errors import ConfigurationError, GeometryError
+from clfcbf.estimation import DeadReckoning, advance, coast, motion_since
+from clfcbf.guard import ROUNDING, Brake, Guard, Guarded, Verdict, moved_scene
+from clfcbf.limits import InputBox, Limits, check_period
+from clfcbf.qp import check_weight, get_backend, solve_ladder
+from clfcbf.qp.exact import LexicographicSolution
+from clfcbf.scene import Scene
+from clfcbf.se2 import Pose2, Twist, is_finite
+
+__all__ = ["Begun", "FilterConfig", "FilterState", "begin", "finish", "scene_now", "stop"]
+
+_ORIGIN = Pose2(0.0, 0.0, 0.0)
+_REST = Twist(0.0, 0.0)
+
+_TOLERANCE = 1e-9
+"""Rounding allowed when an answer is verified [m/s and rad/s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilterConfig:
+    """Everything fixed about the filter.
+
+    Attributes
+    ----------
+    limits, period : of the chassis; commands are judged against them at this period [s]
+    barriers : what must not be violated
+    backend : name of the QP backend
+    weight : (q11, q12, q22) of the distance to the nominal command, positive definite
+    lag : first-order lag of the body, for the prediction [s]
+    guard_lag : longest lag the guard covers [s]; not below ``lag``
+    patience : longest age of the scene that is still acted on [s]
+    guard : made of the above
+
+    Raises
+    ------
+    ConfigurationError : a duration is negative or not finite, the weight is not positive
+        definite, or ``guard_lag < lag``
+    BackendError : the backend is unknown
+    """
+
+    limits: Limits
+    barriers: tuple[Barrier, ...]
+    period: float
+    backend: str = "exact"
+    weight: tuple[float, float, float] = defaults.QP_WEIGHT
+    lag: float = 0.0
+    guard_lag: float = defaults.GUARD_LAG
+    patience: float = defaults.PATIENCE
+    guard: Guard = field(init=False)
+
+    def __post_init__(self) -> None:
+        check_period(self.period)
+        check_weight(self.weight)
+        get_backend(self.backend)
+        for name in ("lag", "guard_lag", "patience"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ConfigurationError(f"{name} must be finite and at least 0 s, got {value!r}")
+        if self.guard_lag < self.lag:
+            raise ConfigurationError(
+                f"guard_lag must cover lag: got guard_lag={self.guard_lag!r} < lag={self.lag!r}"
+            )
+        guard = Guard(self.limits, self.barriers, self.period, self.guard_lag)
+        object.__setattr__(self, "guard", guard)
+
+
+class FilterState(NamedTuple):
+    """What a tick leaves to the next: motion so far, certified brake, command last sent."""
+
+    reckoning: DeadReckoning | None = None
+    brake: Brake = Brake(_REST, 0)
+    sent: Twist = _REST
+
+
+class Begun(NamedTuple):
+    """A tick's start: the command in force, what can be reached from it, and the motion so far.
+
+    ``fault`` is set where an input was not usable; the tick then ends in a brake.
+    """
+
+    applied: Twist
+    box: InputBox
+    reckoning: DeadReckoning
+    brake: Brake
+    fault: Status | None
+
+
+def begin(config: FilterConfig, state: FilterState, applied: Twist, now: float) -> Begun:
+    """Check command and clock, and bring the dead reckoning to ``now``.
+
+    A command that is not finite is replaced by the one last sent. A clock that stands still
+    keeps the reckoning; one that jumps back restarts it where the robot is.
+    """
+    fault: Status | None = None
+    if not is_finite(applied):
+        applied, fault = state.sent, Status.INVALID_INPUT
+    applied = Twist(*applied)
+    reckoning = state.reckoning
+    if reckoning is None:
+        if math.isfinite(now):
+            reckoning = DeadReckoning(now, _ORIGIN, applied)
+        else:
+            reckoning, fault = DeadReckoning(0.0, _ORIGIN, applied), Status.CLOCK_ERROR
+    elif not (math.isfinite(now) and now > reckoning.time):
+        fault = Status.CLOCK_ERROR
+        if now < reckoning.time:
+            reckoning = DeadReckoning(now, reckoning.pose, reckoning.body)
+    else:
+        reckoning = advance(reckoning, applied, now, config.lag)
+    box = config.limits.input_box(applied, config.period)
+    return Begun(applied, box, reckoning, state.brake, fault)
+
+
+def stop(begun: Begun, status: Status, config: FilterConfig) -> tuple[Decision, FilterState]:
+    """End a tick without a usable scene: the certified brake, inside the input box."""
+    brake = begun.brake.next()
+    twist = begun.box.clip(brake.twist)
+    certified = begun.box.contains(brake.twist, ROUNDING)
+    if not certified:
+        brake = Brake(twist, config.limits.brake_ticks(twist, config.period))
+    decision = Decision(twist, status, certified, twist, math.nan, box=begun.box)
+    return decision, FilterState(begun.reckoning, brake, twist)
+
+
+def finish(
+    config: FilterConfig, begun: Begun, nominal: Twist, scene: Scene, wishes: tuple[Rows, ...] = ()
+) -> tuple[Decision, FilterState]:
+    """Rows, program, verification and guard: from a nominal command to the one that is sent.
+
+    Parameters
+    ----------
+    nominal : command of the law
+    scene : goal and feature as seen from the robot now
+    wishes : rows below the barriers, such as a Lyapunov row, taken where the body coasts to
+    """
+    ahead = moved_scene(scene, coast(begun.reckoning.body, config.lag))
+    try:
+        rows = tuple([barrier.rows(ahead) for barrier in config.barriers])
+    except GeometryError:
+        return stop(begun, Status.INVALID_INPUT, config)
+    blocks = (*rows, *wishes)
+    priorities, levels = _levels(blocks)
+    answer = solve_ladder(config.weight, nominal, begun.box, levels, config.backend)
+    if answer is None or not _verified(answer, begun.box, levels):
+        return stop(begun, Status.SOLVER_FAILED, config)
+    wanted = begun.box.clip(Twist(answer.v, answer.omega))
+    outcome = config.guard.filter(wanted, scene, begun.reckoning.body, begun.box, begun.brake)
+    slack = barrier_slack = 0.0
+    for priority, amount in zip(priorities, answer.slacks, strict=True):
+        if priority >= Priority.STABILITY:
+            slack = max(slack, amount)
+        else:
+            barrier_slack = max(barrier_slack, amount)
+    decision = Decision(
+        outcome.twist,
+        _status(outcome, slack, barrier_slack),
+        outcome.certified,
+        nominal,
+        outcome.clearance,
+        slack,
+        barrier_slack,
+        blocks,
+        begun.box,
+    )
+    return decision, FilterState(begun.reckoning, outcome.brake, outcome.twist)
+
+
+def _levels(blocks: tuple[Rows, ...]) -> tuple[list[int], list[list[Row]]]:
+    """The rows by priority, most important level first."""
+    by_priority: dict[int, list[Row]] = {}
+    for block in blocks:
+        by_priority.setdefault(block.priority, []).extend(block.coefficients)
+    priorities = sorted(by_priority)
+    return priorities, [by_priority[priority] for priority in priorities]
+
+
+def _verified(answer: LexicographicSolution, box: InputBox, levels: list[list[Row]]) -> bool:
+    """Whether an answer is in the box and keeps each row up to its level's slack."""
+    v, omega = answer.v, answer.omega
+    if not box.contains(Twist(v, omega), _TOLERANCE):
+        return False
+    for level, slack in zip(levels, answer.slacks, strict=True):
+        for a, c, b in level:
+            if not a * v + c * omega <= b + slack * math.hypot(a, c) + _TOLERANCE * (1.0 + abs(b)):
+                return False
+    return True
+
+
+def _status(outcome: Guarded, slack: float, barrier_slack: float) -> Status:
+    if outcome.clearance < 0.0:
+        return Status.OUT_OF_VIEW
+    if outcome.verdict is Verdict.BRAKED:
+        return Status.BRAKING
+    if outcome.verdict is Verdict.REPLACED:
+        return Status.GUARDED
+    if barrier_slack > _TOLERANCE:
+        return Status.BARRIER_RELAXED
+    return Status.RELAXED if slack > _TOLERANCE else Status.OPTIMAL
+
+
+def scene_now(config: FilterConfig, begun: Begun, scene: Scene) -> Scene | Status:
+    """The scene predicted from its stamp to now, or the fault that makes it unusable."""
+    if not is_finite((*scene.goal, *scene.feature, scene.stamp)):
+        return Status.INVALID_INPUT
+    age = begun.reckoning.time - scene.stamp
+    if age < -config.period:
+        return Status.CLOCK_ERROR
+    if age > config.patience:
+        return Status.STALE
+    return moved_scene(scene, motion_since(begun.reckoning, scene.stamp)) if age > 0.0 else scene
