@@ -20,7 +20,7 @@ from clfcbf.constraints.clf import kanayama_clf
 from clfcbf.decision import Decision, Phase, Status
 from clfcbf.docking import DockingConfig, DockingInputs, DockingState, docking_tick
 from clfcbf.errors import ConfigurationError
-from clfcbf.estimation import coast, motion_since
+from clfcbf.guard import moved_scene
 from clfcbf.laws.kanayama import Kanayama
 from clfcbf.limits import Limits, check_period
 from clfcbf.safety_filter import as_barriers
@@ -31,7 +31,7 @@ from clfcbf.tick import (
     FilterState,
     begin,
     finish,
-    scene_now,
+    motion_to_now,
     stop,
 )
 
@@ -77,18 +77,16 @@ def tracking_tick(
     begun = begin(base, state, applied, now)
     if begun.fault is not None:
         return stop(begun, begun.fault, base)
-    present = scene_now(base, begun, scene)
-    if isinstance(present, Status):
-        return stop(begun, present, base)
+    motion = motion_to_now(base, begun, scene)
+    if isinstance(motion, Status):
+        return stop(begun, motion, base)
     if not is_finite((*reference.pose, *reference.twist)):
         return stop(begun, Status.INVALID_INPUT, base)
-    motion = motion_since(begun.reckoning, scene.stamp)
-    ahead = motion.compose(coast(begun.reckoning.body, base.lag))
-    error = ahead.relative(reference.pose)
+    error = motion.compose(begun.coast).relative(reference.pose)
     nominal = begun.box.clip(config.law.command(error, reference.twist))
     row = kanayama_clf(error, reference.twist, config.law, config.fraction)
     row = row.attainable(nominal)
-    return finish(base, begun, nominal, present, (row,))
+    return finish(base, begun, nominal, moved_scene(scene, motion), (row,))
 
 
 class TrackingController:

@@ -16,7 +16,7 @@ from clfcbf.camera import FieldOfView
 from clfcbf.constraints.clf import kanayama_clf
 from clfcbf.decision import Decision, Phase, Status
 from clfcbf.errors import ConfigurationError, PlanningError
-from clfcbf.estimation import NoiseModel, TargetEstimate, coast, grown, measured, reckoned
+from clfcbf.estimation import NoiseModel, TargetEstimate, grown, measured, reckoned
 from clfcbf.laws.kanayama import Kanayama
 from clfcbf.scene import Observation, Scene
 from clfcbf.se2 import Pose2, Twist, is_finite
@@ -124,7 +124,7 @@ def docking_tick(
     if state.target is None:
         return _stopped(config, state, begun, Status.NO_TARGET)
     pose = state.target.goal.relative(begun.reckoning.pose)
-    ahead = pose.compose(coast(begun.reckoning.body, base.lag))
+    ahead = pose.compose(begun.coast)
     if not state.legs:
         if not at_rest(begun.applied):
             return _stopped(config, state._replace(phase=Phase.STOPPING), begun, Status.OPTIMAL)

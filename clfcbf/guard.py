@@ -102,29 +102,36 @@ class Guard:
         if not 0.0 <= self.lag < 10.0:
             raise ConfigurationError(f"lag must be in [0, 10) s, got {self.lag!r}")
 
-    def clearance(self, scene: Scene) -> float:
-        """Smallest clearance of any barrier, each in its own unit; +inf without barriers."""
-        return min((barrier.clearance(scene) for barrier in self.barriers), default=float("inf"))
+    def clearance(self, scene: Scene, motion: Pose2 | None = None) -> float:
+        """Smallest clearance of any barrier after the robot moved by ``motion``.
 
-    def admissible(self, coasted: Scene, floor: float, twist: Twist) -> bool:
+        Each in its own unit; +inf without barriers.
+        """
+        smallest = math.inf
+        for barrier in self.barriers:
+            clearance = barrier.clearance(scene, motion)
+            if clearance < smallest:
+                smallest = clearance
+        return smallest
+
+    def admissible(self, scene: Scene, coasted: Pose2, floor: float, twist: Twist) -> bool:
         """Whether the arc of the brake from ``twist``, begun where the body coasts to, is safe.
 
         Parameters
         ----------
-        coasted : scene seen from where the body coasts to
+        scene : goal and feature now
+        coasted : where the body coasts to, seen from the robot now; must be clear itself
         floor : clearance to be kept
         twist : candidate command
 
         Notes
         -----
         The largest bearing on a constant-twist arc is at one of its ends as long as the point
-        is ahead of the camera, so two clearances answer for all of the arc.
+        is ahead of the camera, so the clearances of its two ends answer for all of the arc.
         """
-        if self.clearance(coasted) < floor:
-            return False
         ticks = self.limits.brake_ticks(twist, self.period)
         motion = arc(twist, 0.5 * self.period * (ticks + 1))
-        return self.clearance(moved_scene(coasted, motion)) >= floor
+        return self.clearance(scene, coasted.compose(motion)) >= floor
 
     def filter(
         self, wanted: Twist, scene: Scene, body: Twist, box: InputBox, brake: Brake
@@ -145,14 +152,14 @@ class Guard:
         the one there is: what does not make things worse is admissible, so the robot can turn
         back. Where no barrier says which way back is (minus infinity) it brakes.
         """
-        coasted = moved_scene(scene, arc(body, self.lag))
+        coasted = arc(body, self.lag)
         clearance = self.clearance(scene)
         floor = min(0.0, clearance)
         last = brake.next()
         safe = box.clip(last.twist)
-        if clearance > -math.inf:
+        if clearance > -math.inf and self.clearance(scene, coasted) >= floor:
             for verdict, candidate in _candidates(wanted, safe, box):
-                if self.admissible(coasted, floor, candidate):
+                if self.admissible(scene, coasted, floor, candidate):
                     ticks = self.limits.brake_ticks(candidate, self.period)
                     return Guarded(candidate, Brake(candidate, ticks), verdict, True, clearance)
         # Outside the box the chassis did not follow the brake: its certificate is void.

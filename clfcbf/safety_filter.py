@@ -11,10 +11,11 @@ from clfcbf.camera import FieldOfView
 from clfcbf.constraints.barrier import Barrier
 from clfcbf.constraints.cbf import FieldOfViewBarrier
 from clfcbf.decision import Decision, Status
+from clfcbf.guard import moved_scene
 from clfcbf.limits import Limits, check_period
 from clfcbf.scene import Scene
 from clfcbf.se2 import Twist, is_finite
-from clfcbf.tick import FilterConfig, FilterState, begin, finish, scene_now, stop
+from clfcbf.tick import FilterConfig, FilterState, begin, finish, motion_to_now, stop
 
 __all__ = ["FilterInputs", "SafetyFilter", "as_barriers", "filter_tick"]
 
@@ -35,12 +36,12 @@ def filter_tick(
     begun = begin(config, state, applied, now)
     if begun.fault is not None:
         return stop(begun, begun.fault, config)
-    present = scene_now(config, begun, scene)
-    if isinstance(present, Status):
-        return stop(begun, present, config)
+    motion = motion_to_now(config, begun, scene)
+    if isinstance(motion, Status):
+        return stop(begun, motion, config)
     if not is_finite(nominal):
         return stop(begun, Status.INVALID_INPUT, config)
-    return finish(config, begun, Twist(*nominal), present)
+    return finish(config, begun, Twist(*nominal), moved_scene(scene, motion))
 
 
 def as_barriers(

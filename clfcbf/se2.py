@@ -74,8 +74,8 @@ class Pose2(NamedTuple):
         c, s = math.cos(theta), math.sin(theta)
         return x + c * point[0] - s * point[1], y + s * point[0] + c * point[1]
 
-    def seen(self, point: Point) -> Point:
-        """A point of the parent frame as it is seen from this pose."""
+    def seen(self, point: Point | Pose2) -> Point:
+        """A point of the parent frame as it is seen from this pose; of a pose its position."""
         x, y, theta = self
         c, s = math.cos(theta), math.sin(theta)
         dx, dy = point[0] - x, point[1] - y

@@ -24,14 +24,14 @@ from clfcbf.constraints.rows import Priority, Row, Rows
 from clfcbf.decision import Decision, Status
 from clfcbf.errors import ConfigurationError, GeometryError
 from clfcbf.estimation import DeadReckoning, advance, coast, motion_since
-from clfcbf.guard import ROUNDING, Brake, Guard, Guarded, Verdict, moved_scene
+from clfcbf.guard import ROUNDING, Brake, Guard, Guarded, Verdict
 from clfcbf.limits import InputBox, Limits, check_period
 from clfcbf.qp import check_weight, get_backend, solve_ladder
 from clfcbf.qp.exact import LexicographicSolution
 from clfcbf.scene import Scene
 from clfcbf.se2 import Pose2, Twist, is_finite
 
-__all__ = ["Begun", "FilterConfig", "FilterState", "begin", "finish", "scene_now", "stop"]
+__all__ = ["Begun", "FilterConfig", "FilterState", "begin", "finish", "motion_to_now", "stop"]
 
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
 _REST = Twist(0.0, 0.0)
@@ -99,12 +99,14 @@ class FilterState(NamedTuple):
 class Begun(NamedTuple):
     """A tick's start: the command in force, what can be reached from it, and the motion so far.
 
-    ``fault`` is set where an input was not usable; the tick then ends in a brake.
+    ``coast`` is where the body runs on to by itself, seen from the robot: commands act from
+    there on. ``fault`` is set where an input was not usable; the tick then ends in a brake.
     """
 
     applied: Twist
     box: InputBox
     reckoning: DeadReckoning
+    coast: Pose2
     brake: Brake
     fault: Status | None
 
@@ -132,7 +134,8 @@ def begin(config: FilterConfig, state: FilterState, applied: Twist, now: float) 
     else:
         reckoning = advance(reckoning, applied, now, config.lag)
     box = config.limits.input_box(applied, config.period)
-    return Begun(applied, box, reckoning, state.brake, fault)
+    ahead = coast(reckoning.body, config.lag)
+    return Begun(applied, box, reckoning, ahead, state.brake, fault)
 
 
 def stop(begun: Begun, status: Status, config: FilterConfig) -> tuple[Decision, FilterState]:
@@ -157,9 +160,8 @@ def finish(
     scene : goal and feature as seen from the robot now
     wishes : rows below the barriers, such as a Lyapunov row, taken where the body coasts to
     """
-    ahead = moved_scene(scene, coast(begun.reckoning.body, config.lag))
     try:
-        rows = tuple([barrier.rows(ahead) for barrier in config.barriers])
+        rows = tuple([barrier.rows(scene, begun.coast) for barrier in config.barriers])
     except GeometryError:
         return stop(begun, Status.INVALID_INPUT, config)
     blocks = (*rows, *wishes)
@@ -222,8 +224,8 @@ def _status(outcome: Guarded, slack: float, barrier_slack: float) -> Status:
     return Status.RELAXED if slack > _TOLERANCE else Status.OPTIMAL
 
 
-def scene_now(config: FilterConfig, begun: Begun, scene: Scene) -> Scene | Status:
-    """The scene predicted from its stamp to now, or the fault that makes it unusable."""
+def motion_to_now(config: FilterConfig, begun: Begun, scene: Scene) -> Pose2 | Status:
+    """How the robot moved since the scene's stamp, or the fault that makes it unusable."""
     if not is_finite((*scene.goal, *scene.feature, scene.stamp)):
         return Status.INVALID_INPUT
     age = begun.reckoning.time - scene.stamp
@@ -231,4 +233,4 @@ def scene_now(config: FilterConfig, begun: Begun, scene: Scene) -> Scene | Statu
         return Status.CLOCK_ERROR
     if age > config.patience:
         return Status.STALE
-    return moved_scene(scene, motion_since(begun.reckoning, scene.stamp)) if age > 0.0 else scene
+    return motion_since(begun.reckoning, scene.stamp) if age > 0.0 else _ORIGIN

@@ -73,7 +73,7 @@ def test_an_admissible_command_has_an_admissible_brake(camera, limits, distance,
     guard = guard_of(camera, limits)
     scene = scene_at(camera, distance, share * camera.half_angle)
     assume(guard.clearance(scene) >= 0.0)
-    assume(guard.admissible(scene, 0.0, twist))
+    assume(guard.admissible(scene, Pose2(0.0, 0.0, 0.0), 0.0, twist))
     brake = Brake(twist, limits.brake_ticks(twist, PERIOD))
     while brake.ticks > 0:
         assert lowest_on_arc(guard, scene, brake.twist, PERIOD, 20) >= -1e-9

@@ -6,6 +6,7 @@ from typing import Protocol, runtime_checkable
 
 from clfcbf.constraints.rows import Rows
 from clfcbf.scene import Scene
+from clfcbf.se2 import Pose2
 
 __all__ = ["Barrier"]
 
@@ -27,11 +28,16 @@ class Barrier(Protocol):
     def name(self) -> str:
         """Prefix of the names of its rows, unique among the barriers of one filter."""
 
-    def rows(self, scene: Scene) -> Rows:
-        """The half-planes of admissible commands at ``scene``, priority ``SAFETY``."""
+    def rows(self, scene: Scene, motion: Pose2 | None = None) -> Rows:
+        """The half-planes of admissible commands, priority ``SAFETY``.
 
-    def clearance(self, scene: Scene) -> float:
+        At ``scene``, or where the robot is after it moved by ``motion`` since.
+        """
+
+    def clearance(self, scene: Scene, motion: Pose2 | None = None) -> float:
         """Smallest distance to the edge of the safe set, in the barrier's natural unit.
+
+        At ``scene``, or where the robot is after it moved by ``motion`` since.
 
         At least 0 exactly where the scene is safe; [rad] for an angle, [m] for a distance.
         Minus infinity where the rows give no guidance back into the safe set.

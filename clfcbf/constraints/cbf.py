@@ -176,8 +176,8 @@ class FieldOfViewBarrier:
         object.__setattr__(self, "_edges", camera_edges(self.camera, self.margin))
         object.__setattr__(self, "_names", names)
 
-    def rows(self, scene: Scene) -> Rows:
-        """Rows of the feature at ``scene``, two for its centre or four for its ends.
+    def rows(self, scene: Scene, motion: Pose2 | None = None) -> Rows:
+        """Rows of the feature after ``motion``, two for its centre or four for its ends.
 
         Named "fov.left" and "fov.right", with ".left_end" or ".right_end" behind where the
         feature has a width; values h [m].
@@ -186,10 +186,12 @@ class FieldOfViewBarrier:
         ------
         GeometryError : the feature is not finite, or has a width and no heading
         """
-        return half_plane_rows(self._names, self._edges, self._points(scene.feature), self.gain)
+        return half_plane_rows(
+            self._names, self._edges, self._points(scene.feature, motion), self.gain
+        )
 
-    def clearance(self, scene: Scene) -> float:
-        """Angle from the feature to the nearer edge less the margin [rad].
+    def clearance(self, scene: Scene, motion: Pose2 | None = None) -> float:
+        """Angle from the feature to the nearer edge less the margin, after ``motion`` [rad].
 
         Negative outside, the smaller of the two ends where the feature has a width. Minus
         infinity behind the camera, from where no row leads back into view. Seen from the
@@ -200,13 +202,17 @@ class FieldOfViewBarrier:
         GeometryError : as ``rows``
         """
         view = self.camera.margin
-        clearance = min([view(point) for point in self._points(scene.feature)])
+        points = self._points(scene.feature, motion)
+        clearance = view(points[0]) if len(points) == 1 else min(map(view, points))
         behind = self.camera.half_angle - 0.5 * math.pi
         return clearance - self.margin if clearance > behind else -math.inf
 
-    def _points(self, feature: Pose2) -> tuple[Point, ...]:
+    def _points(self, feature: Pose2, motion: Pose2 | None) -> tuple[Point, ...]:
         """The points to be kept: the feature's centre, or its left and right end."""
-        x, y = feature[0], feature[1]
+        if self.camera.width > 0.0 and motion is not None:
+            feature = motion.relative(feature)
+            motion = None
+        x, y = (feature[0], feature[1]) if motion is None else motion.seen(feature)
         if not (x + y) - (x + y) == 0.0:
             raise GeometryError(f"feature must be finite, got {feature!r}")
         width = self.camera.width

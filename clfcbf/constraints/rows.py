@@ -44,9 +44,7 @@ class Rows(NamedTuple):
         """These rows, none tighter than what the command ``witness`` meets."""
         v, omega = witness
         return self._replace(
-            coefficients=tuple(
-                (a, c, max(b, a * v + c * omega)) for a, c, b in self.coefficients
-            )
+            coefficients=tuple((a, c, max(b, a * v + c * omega)) for a, c, b in self.coefficients)
         )
 
     @property

@@ -118,6 +118,23 @@ def test_exact_when_nearly_parallel(reference, program):
 
 
 @settings(max_examples=60, deadline=None)
+@given(st.integers(24, 48), unit(0.5, 2), unit(0.5, 2), unit(0, 0.2), st.booleans(), st.data())
+def test_exact_when_the_weight_is_nearly_singular(reference, digits, p, q, v, relaxed, data):
+    """A row along the weight's flat direction, where its curvature is all cancellation."""
+    weight = (p, (1.0 - 2.0**-digits) * math.sqrt(p * q), q)
+    nominal = (v, data.draw(unit(-0.1, 0.2)))
+    size, row = 2**20, (math.sqrt(p), math.sqrt(q))
+    a, c = round(size * row[0]) / size, round(size * row[1]) / size
+    # Next to the line; from further away the minimum lies at the line's end.
+    b = a * nominal[0] + c * nominal[1] - 10.0 ** data.draw(st.integers(-8, -4))
+    levels = [[(a, c, b)], [(-a, -c, -b - 1.0)] if relaxed else []]
+    answer = solve_lexicographic(weight, nominal, BOX, levels)
+    point, _ = reference.lexicographic(weight, nominal, BOX, levels)
+    assert abs(Fraction(answer.v) - point[0]) <= 1e-12
+    assert abs(Fraction(answer.omega) - point[1]) <= 1e-12
+
+
+@settings(max_examples=60, deadline=None)
 @given(unit(-0.1, 0.3), unit(-0.2, 0.3), st.integers(-52, -10), st.booleans(), st.integers(0, 5))
 def test_verdict_on_nearly_empty_sets(reference, v, w, exponent, empty, kind):
     """Two opposite rows with a gap from 2**-10 down to one rounding unit."""
