@@ -6,6 +6,9 @@ from enum import Enum
 from typing import NamedTuple
 
 from clfcbf.constraints.rows import Row, Rows
+from clfcbf.guard import Verdict
+from clfcbf.limits import Limits
+from clfcbf.qp.exact import LexicographicSolution, Weight
 from clfcbf.se2 import Twist
 
 __all__ = ["Decision", "Phase", "Status"]
@@ -84,6 +87,10 @@ class Decision(NamedTuple):
     done : the task is finished (and the robot stands)
     phase, reason : of a docking run, and why it stopped or failed
     timing : duration of the tick [s]; 0 where the tick was called without a clock
+    weight : of the program's distance to the nominal command
+    answer : the program's own answer, before the guard; None where there was no program
+    verdict : what the guard did with it; None where it was not asked
+    limits : of the chassis, which the box was made of
     """
 
     twist: Twist
@@ -99,6 +106,10 @@ class Decision(NamedTuple):
     phase: Phase | None = None
     reason: str = ""
     timing: float = 0.0
+    weight: Weight | None = None
+    answer: LexicographicSolution | None = None
+    verdict: Verdict | None = None
+    limits: Limits | None = None
 
     @property
     def named_rows(self) -> dict[str, Row]:

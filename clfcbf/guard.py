@@ -126,8 +126,10 @@ class Guard:
 
         Notes
         -----
-        The largest bearing on a constant-twist arc is at one of its ends as long as the point
-        is ahead of the camera, so the clearances of its two ends answer for all of the arc.
+        On a constant-twist arc the largest bearing off the robot's forward direction is at one
+        of its ends while the point is ahead of the camera and of the rotation centre. So the
+        clearances of its two ends answer for all of the arc, for a camera whose view contains
+        the forward direction.
         """
         ticks = self.limits.brake_ticks(twist, self.period)
         motion = arc(twist, 0.5 * self.period * (ticks + 1))

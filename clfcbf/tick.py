@@ -145,7 +145,9 @@ def stop(begun: Begun, status: Status, config: FilterConfig) -> tuple[Decision, 
     certified = begun.box.contains(brake.twist, ROUNDING)
     if not certified:
         brake = Brake(twist, config.limits.brake_ticks(twist, config.period))
-    decision = Decision(twist, status, certified, twist, math.nan, box=begun.box)
+    decision = Decision(
+        twist, status, certified, twist, math.nan, box=begun.box, limits=config.limits
+    )
     return decision, FilterState(begun.reckoning, brake, twist)
 
 
@@ -168,7 +170,9 @@ def finish(
     priorities, levels = _levels(blocks)
     answer = solve_ladder(config.weight, nominal, begun.box, levels, config.backend)
     if answer is None or not _verified(answer, begun.box, levels):
-        return stop(begun, Status.SOLVER_FAILED, config)
+        failed, after = stop(begun, Status.SOLVER_FAILED, config)
+        asked = failed._replace(nominal=nominal, rows=blocks, weight=config.weight, answer=answer)
+        return asked, after
     wanted = begun.box.clip(Twist(answer.v, answer.omega))
     outcome = config.guard.filter(wanted, scene, begun.reckoning.body, begun.box, begun.brake)
     slack = barrier_slack = 0.0
@@ -187,6 +191,10 @@ def finish(
         barrier_slack,
         blocks,
         begun.box,
+        weight=config.weight,
+        answer=answer,
+        verdict=outcome.verdict,
+        limits=config.limits,
     )
     return decision, FilterState(begun.reckoning, outcome.brake, outcome.twist)
 

@@ -65,20 +65,49 @@ def project(
         w = w_lo if w < w_lo else w_hi
         v = n_v + (q12 * (n_w - w) - c * s_v * (s_v * n_v + s_w * w - s_b)) / (q11 + c * s_v * s_v)
         v = v_lo if v < v_lo else v_hi if v > v_hi else v
+    touch = NOISE * box_scale(v_lo, v_hi, w_lo, w_hi)
     taken: list[tuple[float, float, float]] = []
     for rows in levels:
         for row in rows:
             a_v, a_w, b = row
-            if a_v * v + a_w * w > b and (a_v or a_w):
-                if not trusted:
-                    _check(objective, box)
-                    trusted = True
-                point = _on_line(objective, box, row, v, w, taken)
-                if point is None:
-                    return None
-                v, w = point
+            size = abs(a_v) + abs(a_w)
+            r = a_v * v + a_w * w - b
+            if r > -touch * size and size:
+                if r > 0.0:
+                    if not trusted:
+                        _check(objective, box)
+                        trusted = True
+                    point = _on_line(objective, box, row, v, w, taken)
+                    if point is None:
+                        return None
+                    v, w = point
+                elif _in_a_wedge(row, (v, w), box, taken, touch):
+                    raise Delicate
             taken.append(row)
     return v, w
+
+
+def _in_a_wedge(
+    row: tuple[float, float, float],
+    point: tuple[float, float],
+    box: Sequence[float],
+    taken: Sequence[tuple[float, float, float]],
+    touch: float,
+) -> bool:
+    """Whether ``point``, on the line of ``row`` to rounding, is on a nearly parallel one too."""
+    a_v, a_w, _ = row
+    v, w = point
+    v_lo, v_hi, w_lo, w_hi = box
+    sides = ((1.0, 0.0, v_hi), (-1.0, 0.0, -v_lo), (0.0, 1.0, w_hi), (0.0, -1.0, -w_lo))
+    length2 = a_v * a_v + a_w * a_w
+    for c_v, c_w, e in (*sides, *taken):
+        rate2 = (a_v * c_w - a_w * c_v) ** 2
+        both2 = length2 * (c_v * c_v + c_w * c_w)
+        near = abs(c_v * v + c_w * w - e) <= 2.0 * touch * (abs(c_v) + abs(c_w))
+        same = rate2 <= _SAME_ANGLE * both2 and a_v * c_v + a_w * c_w > 0.0
+        if near and not same and rate2 <= _SMALL_ANGLE * both2:
+            return True
+    return False
 
 
 def _check(objective: Objective[float], box: Sequence[float]) -> None:

@@ -192,6 +192,22 @@ def test_graceful_speeds_stay_within_limits(state, law):
     assert omega == pytest.approx(law.curvature(state) * v, rel=1e-12)
 
 
+@settings(deadline=None)
+@given(st.floats(0.01, 1.0))
+def test_graceful_speed_on_the_axis_is_proportional_near_the_goal(rho):
+    v, omega = ParkKuipers(slowdown_radius=0.4).command(Polar(rho, 0.0, 0.0), LIMITS)
+    assert v == pytest.approx(LIMITS.v_max * min(1.0, rho / 0.4), rel=1e-12)
+    assert omega == 0.0
+
+
+def test_graceful_speed_in_a_bend_as_published():
+    law, state = ParkKuipers(), Polar(1.0, 0.2, -0.3)
+    kappa = law.curvature(state)
+    v, _ = law.command(state, Limits(0.22, 10.0, 0.3, 1.0))
+    assert abs(kappa) > 0.1
+    assert v == pytest.approx(0.22 / (1.0 + 0.4 * kappa**2), rel=1e-12)
+
+
 # --- barrier Lyapunov -------------------------------------------------------------------------
 
 inside = st.builds(
