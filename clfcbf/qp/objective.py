@@ -9,7 +9,15 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import TypeAlias, TypeVar
 
-__all__ = ["Objective", "cost", "ill_conditioned", "line_minimum", "minimiser", "nearest_on_edge"]
+__all__ = [
+    "CONDITION",
+    "Objective",
+    "cost",
+    "ill_conditioned",
+    "line_minimum",
+    "minimiser",
+    "nearest_on_edge",
+]
 
 N = TypeVar("N", float, Fraction)
 
@@ -17,7 +25,7 @@ Objective: TypeAlias = tuple[N, N, N, N, N, N, N, N, N]
 r"""``(q11, q12, q22, n_v, n_w, c, s_v, s_w, s_b)``: weight :math:`Q`, nominal command
 :math:`\bar u`, penalty :math:`c` and its row :math:`(a, b)`; ``c = 0`` where there is none."""
 
-_CONDITION = 2.0**20
+CONDITION = 2.0**20
 """Largest condition of Q left to floats: rounding grows with its root, 2**-52 * 2**10 < 1e-12."""
 
 
@@ -77,4 +85,4 @@ def ill_conditioned(objective: Sequence[float]) -> bool:
     """
     q11, q12, q22 = objective[0], objective[1], objective[2]
     trace = q11 + q22
-    return not trace * trace <= _CONDITION * (q11 * q22 - q12 * q12)
+    return not trace * trace <= CONDITION * (q11 * q22 - q12 * q12)

@@ -336,3 +336,17 @@ def test_opposite_rows_and_their_copies_leave_a_whole_segment():
     one = solve_lexicographic(weight, nominal, box, [[first, second]])
     other = solve_lexicographic(weight, nominal, box, [copies])
     assert (other.v, other.omega) == pytest.approx((one.v, one.omega), abs=1e-12)
+
+
+def test_thin_wedge_next_to_a_corner(reference):
+    """Two opposite rows 2e-6 apart in angle that meet within rounding of a corner of the box."""
+    weight, nominal = (1.6299098513417103, 0.0, 0.23674417466611122), (0.33645, 0.53333)
+    box = (-0.6060514585360274, -0.10605145853602738, -0.6836358926352384, 0.3163641073647616)
+    level = [
+        (-5.930535617870954e18, 1.721214048445399e19, 6.074245412376237e18),
+        (10534.783556461334, -30574.852918624878, -10790.015212933718),
+    ]
+    answer = solve_lexicographic(weight, nominal, box, [level])
+    point, _ = reference.lexicographic(weight, nominal, box, [level])
+    assert abs(Fraction(answer.v) - point[0]) <= 1e-15
+    assert abs(Fraction(answer.omega) - point[1]) <= 1e-15

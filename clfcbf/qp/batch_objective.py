@@ -1,0 +1,130 @@
+r"""The cost of many two-input programs at once, one column a program.
+
+:math:`(u-\bar u)^\top Q(u-\bar u) + c\,(s^\top u - s_b)^2` as in :mod:`clfcbf.qp.objective`,
+with the weight and the penalty :math:`c` common to all or one a program.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clfcbf.qp.batch_geometry import SMALL_ANGLE, Array, Chord, Index, excess, scale_of
+from clfcbf.qp.objective import _CONDITION
+from clfcbf.qp.polygon import TRUSTED
+
+__all__ = ["Entry", "Objectives"]
+
+Entry: TypeAlias = float | Array
+"""A number common to all programs, or one a program, shape (n,)."""
+
+_SHORTEST, _LONGEST = 1e-150, 1e150  # rows whose squared length could overflow or underflow
+_HALF = 2.0**27 + 1.0  # splits a double into two halves whose products are exact
+_ERROR = 2.0**-45  # a fortieth of 1e-12: what the last step may add to the other roundings
+_EPSILON = 2.0**-52
+
+
+class Objectives(NamedTuple):
+    """Costs side by side: weight ``(q11, q12, q22)``, nominal (2, n), soft rows (3, n) or None."""
+
+    weight: tuple[Entry, Entry, Entry]
+    nominal: Array
+    penalty: float = 0.0
+    soft: Array | None = None
+
+    @property
+    def diagonal(self) -> bool:
+        """Whether the inputs do not meet in the cost: no common ``q12``, no soft row."""
+        return self.soft is None and isinstance(self.weight[1], float) and self.weight[1] == 0.0
+
+    def take(self, at: Index) -> Objectives:
+        """The costs of the programs ``at``."""
+        q11, q12, q22 = (q if isinstance(q, float) else q.take(at) for q in self.weight)
+        soft = None if self.soft is None else self.soft.take(at, axis=1)
+        return Objectives((q11, q12, q22), self.nominal.take(at, axis=1), self.penalty, soft)
+
+    def untrusted(self, box: Array) -> NDArray[np.bool_]:
+        """Where rounding could exceed 1e-12: far nominal commands, badly scaled costs."""
+        q11, q12, q22 = self.weight
+        trace = q11 + q22
+        far = np.abs(self.nominal[0]) + np.abs(self.nominal[1]) > TRUSTED * scale_of(box)
+        far |= ~np.less_equal(trace * trace, _CONDITION * (q11 * q22 - q12 * q12))
+        if self.soft is not None:
+            size = np.abs(self.soft[0]) + np.abs(self.soft[1])
+            far |= ~((size > _SHORTEST) & (size < _LONGEST))
+        return far
+
+    def minimum_in(self, box: Array) -> tuple[Array, Array]:
+        """The points of least cost in the boxes: the v-sides first, then the w-sides."""
+        q11, q12, q22 = self.weight
+        n_v, n_w = self.nominal
+        v, w = n_v, n_w
+        c, s_v, s_w, r = self.penalty, *_zero_or(self.soft, n_v, n_w)
+        if self.soft is not None:
+            g_v, g_w = q22 * s_v - q12 * s_w, q11 * s_w - q12 * s_v
+            k = c * r / (q11 * q22 - q12 * q12 + c * (s_v * g_v + s_w * g_w))
+            v, w = n_v - k * g_v, n_w - k * g_w
+        x = np.minimum(np.maximum(v, box[0]), box[1])
+        if not self.diagonal:
+            y = n_w + (q12 * (n_v - x) - c * s_w * (s_v * (x - n_v) + r)) / (q22 + c * s_w * s_w)
+            w = np.where(x == v, w, y)
+        y = np.minimum(np.maximum(w, box[2]), box[3])
+        if not self.diagonal:
+            v = n_v + (q12 * (n_w - y) - c * s_v * (s_w * (y - n_w) + r)) / (q11 + c * s_v * s_v)
+            x = np.where(y == w, x, np.minimum(np.maximum(v, box[0]), box[1]))
+        return x, y
+
+    def minimum_on(self, line: Array, ends: Chord) -> tuple[Array, NDArray[np.bool_] | None]:
+        r"""The t of least cost along :math:`(x - c t,\ y + a t)`, and where it is untrusted.
+
+        .. math:: t = \frac{d^\top Q(\bar u - p) - c\,(s^\top d)(s^\top p - s_b)}
+                           {d^\top Q d + c\,(s^\top d)^2}
+        """
+        q11, q12, q22 = self.weight
+        a, c = line[0], line[1]
+        e_v, e_w = self.nominal[0] - ends.x, self.nominal[1] - ends.y
+        if self.diagonal:
+            g_v, g_w = -q11 * c, q22 * a
+        else:
+            g_v, g_w = q12 * a - q11 * c, q22 * a - q12 * c
+        upper, lower = g_v * e_v + g_w * e_w, g_w * a - g_v * c
+        if self.soft is None:
+            return upper / lower, None
+        s_v, s_w, s_b = self.soft
+        slope = s_w * a - s_v * c
+        length2, soft2 = a * a + c * c, s_v * s_v + s_w * s_w
+        untrusted = slope * slope <= SMALL_ANGLE * length2 * soft2
+        over = excess(self.soft, ends.x, ends.y)
+        at = np.flatnonzero(untrusted)
+        if at.size:
+            # The slope by exact products: what is left of its error is what p's adds to it.
+            slope[at] = _difference_of_products(s_w[at], a[at], s_v[at], c[at])
+            size = np.sqrt(soft2[at]) * (np.abs(ends.x[at]) + np.abs(ends.y[at])) + np.abs(s_b[at])
+            steep = self.penalty * np.abs(slope[at])
+            error = 8.0 * _EPSILON * steep * size * np.sqrt(length2[at])
+            untrusted[at] = ~(error <= _ERROR * (lower[at] + steep * np.abs(slope[at])))
+        upper -= self.penalty * slope * over
+        lower += self.penalty * slope * slope
+        return upper / lower, untrusted
+
+
+def _zero_or(soft: Array | None, v: Array, w: Array) -> tuple[Entry, Entry, Entry]:
+    """Normal of the soft row and its excess at ``(v, w)``, zeros without one."""
+    return (0.0, 0.0, 0.0) if soft is None else (soft[0], soft[1], excess(soft, v, w))
+
+
+def _difference_of_products(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """``a b - c d`` with a relative error of a few 2**-52, however much of it cancels."""
+    p, q = a * b, c * d
+    return (p - q) + (_product_error(a, b, p) - _product_error(c, d, q))
+
+
+def _product_error(a: Array, b: Array, product: Array) -> Array:
+    """``a b - product``, exactly (Dekker's product)."""
+    t, u = _HALF * a, _HALF * b
+    a_hi, b_hi = t - (t - a), u - (u - b)
+    a_lo, b_lo = a - a_hi, b - b_hi
+    error: Array = ((a_hi * b_hi - product) + a_hi * b_lo + a_lo * b_hi) + a_lo * b_lo
+    return error
