@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from clfcbf.errors import ConfigurationError, GeometryError
-from clfcbf.se2 import Point, Pose2, is_finite, wrap_angle
+from clfcbf.se2 import Point, Pose2, is_finite
 
 __all__ = ["FieldOfView"]
 
@@ -48,10 +48,10 @@ class FieldOfView:
     def bearing(self, point: Point) -> float:
         """Angle of ``point`` (robot frame) off the camera's axis, in (-pi, pi] [rad].
 
-        Degenerate at the camera's own centre, where atan2 gives 0.
+        Degenerate at the camera's own centre, where it is 0.
         """
-        x, y, yaw = self.camera
-        return wrap_angle(math.atan2(point[1] - y, point[0] - x) - yaw)
+        x, y = self.camera.seen(point)
+        return math.atan2(y, x)
 
     def margin(self, point: Point) -> float:
         """Angle from ``point`` to the nearer edge [rad]; negative outside the view."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -10,13 +11,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
-from clfcbf import defaults, plots, report
+from clfcbf import defaults, doctor, explain, plots, report
 from clfcbf.errors import ClfcbfError, ConfigurationError, MissingExtraError
 from clfcbf.simulation import campaign
 from clfcbf.simulation.campaign import EpisodeSpec
 from clfcbf.simulation.scenarios import World, limits_named, region_named
 
-__all__ = ["COMMANDS", "Approach", "Command", "approach", "main", "usable_cores"]
+__all__ = [
+    "COMMANDS", "Approach", "Command", "Doctor", "Explain", "approach", "main", "usable_cores",
+]  # fmt: skip
 
 USAGE_ERROR = 2
 """Exit status where the command was wrong or cannot run here, as argument parsers have it."""
@@ -99,7 +102,61 @@ class Approach:
         return approach(self)
 
 
-COMMANDS: dict[str, type[Command]] = {"approach": Approach}
+@dataclass(frozen=True, slots=True)
+class Explain:
+    """Say why a tick that was saved sent what it sent.
+
+    A decision is saved with json.dumps(decision_to_json(decision)), see clfcbf.explain; a file
+    holds one, or a list of them.
+    """
+
+    file: Path
+    """The file that holds the tick."""
+    tick: int | None = None
+    """Which of a list, from 0, or from -1 at its end; all of them if not given."""
+    json: bool = False
+    """Print everything that is known as JSON, not a sentence."""
+
+    def run(self) -> int:
+        """Print it."""
+        decisions = explain.decisions_in(_load(self.file))
+        if not decisions:
+            raise ConfigurationError(f"{str(self.file)!r} holds no tick")
+        if self.tick is not None:
+            if not -len(decisions) <= self.tick < len(decisions):
+                raise ConfigurationError(
+                    f"--tick must be from 0 to {len(decisions) - 1}, the ticks in "
+                    f"{str(self.file)!r}, got {self.tick}"
+                )
+            decisions = [decisions[self.tick]]
+        found = [explain.explain(decision) for decision in decisions]
+        if self.json:
+            records = [explanation.to_dict() for explanation in found]
+            _print(json.dumps(records[0] if len(records) == 1 else records, indent=1))
+        else:
+            _print("\n".join(map(str, found)))
+        return 0
+
+
+@dataclass(frozen=True, slots=True)
+class Doctor:
+    """Say what is installed, whether it works, and how fast: packages, solvers, one timing each."""
+
+    json: Path | None = None
+    """Write all of it here too, over what is there."""
+
+    def run(self) -> int:
+        """Examine, write the file asked for, print the table."""
+        if self.json is not None:
+            report.check_writable(self.json)
+        examination = doctor.examine()
+        if self.json is not None:
+            report.write_json(self.json, examination.to_dict())
+        _print(doctor.table(examination))
+        return 0
+
+
+COMMANDS: dict[str, type[Command]] = {"approach": Approach, "doctor": Doctor, "explain": Explain}
 """Subcommands by name; a further one is one line."""
 
 
@@ -161,6 +218,17 @@ def _progress(runs: Iterable[dict[str, Any]], total: int) -> Iterable[dict[str, 
     return bar
 
 
+def _load(path: Path) -> Any:
+    """What a JSON file holds."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ConfigurationError(f"cannot read {str(path)!r}: {reason}") from error
+    except (ValueError, RecursionError) as error:  # not JSON, not text, or nested too deeply
+        raise ConfigurationError(f"{str(path)!r} is not JSON: {error}") from error
+
+
 def _print(text: str) -> None:
     """Print also where the terminal's encoding lacks a character, or the reader has left."""
     encoding = sys.stdout.encoding or "utf-8"
@@ -178,18 +246,19 @@ def _parsed(argv: Sequence[str] | None) -> Command:
     registry = tyro.constructors.ConstructorRegistry()
 
     @registry.primitive_rule
-    def _file(
+    def _plain(
         info: tyro.constructors.PrimitiveTypeInfo,
-    ) -> tyro.constructors.PrimitiveConstructorSpec[Path | None] | None:
-        if info.type != Path | None:
-            return None
-        return tyro.constructors.PrimitiveConstructorSpec(
-            nargs=1,
-            metavar="FILE",
-            instance_from_str=lambda words: Path(words[0]),
-            is_instance=lambda value: value is None or isinstance(value, Path),
-            str_from_instance=lambda value: ["none" if value is None else str(value)],
-        )
+    ) -> tyro.constructors.PrimitiveConstructorSpec[Any] | None:
+        for kind, metavar in ((Path, "FILE"), (int, "INT")):
+            if info.type in (kind, kind | None):
+                return tyro.constructors.PrimitiveConstructorSpec(
+                    nargs=1,
+                    metavar=metavar,
+                    instance_from_str=lambda words, kind=kind: kind(words[0]),
+                    is_instance=lambda value, kind=kind: value is None or isinstance(value, kind),
+                    str_from_instance=lambda value: ["none" if value is None else str(value)],
+                )
+        return None
 
     commands: dict[str, Callable[..., Any]] = dict(COMMANDS)
     command: Command = tyro.extras.subcommand_cli_from_dict(
@@ -197,7 +266,7 @@ def _parsed(argv: Sequence[str] | None) -> Command:
         prog="clfcbf",
         description="Safe docking control for nonholonomic robots.",
         args=None if argv is None else list(argv),
-        config=(tyro.conf.FlagCreatePairsOff,),
+        config=(tyro.conf.FlagCreatePairsOff, tyro.conf.PositionalRequiredArgs),
         registry=registry,
     )
     return command

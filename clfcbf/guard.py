@@ -9,8 +9,8 @@ much of it as :math:`u` does in
 
 A command is *admissible* when the constant-twist arc of that duration stays in the safe set.
 If :math:`u` is, so is the brake :math:`u(1 - 1/N)` a tick later, whose own arc is the rest of
-the same one: a stop is always at hand. The body lags behind the commands, so the arc starts
-where the body coasts to first, :math:`\mathrm{Exp}(\tau b)`, and both places are asked for.
+the same one: a stop is always at hand. A body that lags behind the commands also coasts by
+:math:`\tau b`; how the two motions mix is bounded in :meth:`Guard.admissible`.
 
 The ticks left of a certified brake are counted down, never computed again: in floating point
 a recomputed :math:`N` fails to drop by one in some brakes.
@@ -102,38 +102,56 @@ class Guard:
         if not 0.0 <= self.lag < 10.0:
             raise ConfigurationError(f"lag must be in [0, 10) s, got {self.lag!r}")
 
-    def clearance(self, scene: Scene, motion: Pose2 | None = None) -> float:
+    def clearance(self, scene: Scene, motion: Pose2 | None = None, blur: float = 0.0) -> float:
         """Smallest clearance of any barrier after the robot moved by ``motion``.
 
-        Each in its own unit; +inf without barriers.
+        Each in its own unit, position known to ``blur`` [m]; +inf without barriers.
         """
         smallest = math.inf
         for barrier in self.barriers:
-            clearance = barrier.clearance(scene, motion)
+            clearance = barrier.clearance(scene, motion, blur)
             if clearance < smallest:
                 smallest = clearance
         return smallest
 
-    def admissible(self, scene: Scene, coasted: Pose2, floor: float, twist: Twist) -> bool:
-        """Whether the arc of the brake from ``twist``, begun where the body coasts to, is safe.
+    def admissible(self, scene: Scene, body: Twist, twist: Twist, floor: float = 0.0) -> bool:
+        r"""Whether the brake from ``twist`` is safe, whatever the lag up to ``lag``.
 
         Parameters
         ----------
         scene : goal and feature now
-        coasted : where the body coasts to, seen from the robot now; must be clear itself
-        floor : clearance to be kept
+        body : twist of the body now
         twist : candidate command
+        floor : clearance to be kept
 
         Notes
         -----
-        On a constant-twist arc the largest bearing off the robot's forward direction is at one
-        of its ends while the point is ahead of the camera and of the rotation centre. So the
-        clearances of its two ends answer for all of the arc, for a camera whose view contains
-        the forward direction.
+        Let the body coast by :math:`E \in [0, \tau]` seconds' worth of :math:`b` and follow
+        :math:`S \in [0, T_{eff}]` seconds' worth of :math:`u`; both grow while it brakes. Its
+        heading is :math:`\omega_b E + \omega S` in whatever order they grow, and its position
+        is that of coasting first to within
+
+        .. math:: |v_b\,\omega - v\,\omega_b|\,S E
+
+        (the area between the two orders, Green). On each side of the rectangle of (S, E) a
+        body-fixed point moves on a constant-twist arc, where its largest bearing off the forward
+        direction is at an end, while it is ahead of the camera and of the rotation centre. So
+        four corners, each with that blur, answer for all of it, for a camera whose view
+        contains the forward direction even when turned by the arc.
         """
         ticks = self.limits.brake_ticks(twist, self.period)
-        motion = arc(twist, 0.5 * self.period * (ticks + 1))
-        return self.clearance(scene, coasted.compose(motion)) >= floor
+        duration = 0.5 * self.period * (ticks + 1)
+        braked = arc(twist, duration)
+        if not self.lag:
+            return self.clearance(scene, braked) >= floor and self.clearance(scene) >= floor
+        blur = abs(body[0] * twist[1] - twist[0] * body[1]) * duration * self.lag
+        coasted = arc(body, self.lag)
+        return (
+            self.clearance(scene, coasted.compose(braked), blur) >= floor
+            and self.clearance(scene, braked, blur) >= floor
+            and self.clearance(scene, coasted, blur) >= floor
+            and self.clearance(scene, None, blur) >= floor
+        )
 
     def filter(
         self, wanted: Twist, scene: Scene, body: Twist, box: InputBox, brake: Brake
@@ -154,14 +172,13 @@ class Guard:
         the one there is: what does not make things worse is admissible, so the robot can turn
         back. Where no barrier says which way back is (minus infinity) it brakes.
         """
-        coasted = arc(body, self.lag)
         clearance = self.clearance(scene)
         floor = min(0.0, clearance)
         last = brake.next()
         safe = box.clip(last.twist)
-        if clearance > -math.inf and self.clearance(scene, coasted) >= floor:
+        if clearance > -math.inf:
             for verdict, candidate in _candidates(wanted, safe, box):
-                if self.admissible(scene, coasted, floor, candidate):
+                if self.admissible(scene, body, candidate, floor):
                     ticks = self.limits.brake_ticks(candidate, self.period)
                     return Guarded(candidate, Brake(candidate, ticks), verdict, True, clearance)
         # Outside the box the chassis did not follow the brake: its certificate is void.

@@ -176,11 +176,12 @@ def finish(
     wanted = begun.box.clip(Twist(answer.v, answer.omega))
     outcome = config.guard.filter(wanted, scene, begun.reckoning.body, begun.box, begun.brake)
     slack = barrier_slack = 0.0
-    for priority, amount in zip(priorities, answer.slacks, strict=True):
-        if priority >= Priority.STABILITY:
-            slack = max(slack, amount)
-        else:
-            barrier_slack = max(barrier_slack, amount)
+    if answer.relaxed:
+        for priority, amount in zip(priorities, answer.slacks, strict=True):
+            if priority >= Priority.STABILITY:
+                slack = max(slack, amount)
+            else:
+                barrier_slack = max(barrier_slack, amount)
     decision = Decision(
         outcome.twist,
         _status(outcome, slack, barrier_slack),
@@ -215,7 +216,10 @@ def _verified(answer: LexicographicSolution, box: InputBox, levels: list[list[Ro
         return False
     for level, slack in zip(levels, answer.slacks, strict=True):
         for a, c, b in level:
-            if not a * v + c * omega <= b + slack * math.hypot(a, c) + _TOLERANCE * (1.0 + abs(b)):
+            excess = a * v + c * omega - b
+            if excess <= 0.0 or not (a or c):  # a zero row is met by no command, or by all
+                continue
+            if not excess <= slack * math.hypot(a, c) + _TOLERANCE * (1.0 + abs(b)):
                 return False
     return True
 

@@ -39,7 +39,7 @@ camera = FieldOfView(half_angle=math.radians(35), camera=Pose2(0.2, 0.0, 0.0))
 safe = SafetyFilter(limits, [camera], period=1 / 30)
 
 scene = Scene(goal=Pose2(1.4, 0.8, 0.0), feature=Pose2(2.0, 0.8, 0.0), stamp=0.0)
-wanted, applied = Twist(0.22, -0.4), Twist(0.2, -0.2)
+wanted, applied = Twist(0.22, -0.4), Twist(0.2, -0.15)
 decision = safe.filter(wanted, scene, applied, now=0.0)
 
 print("wanted ", wanted)

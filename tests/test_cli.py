@@ -18,6 +18,9 @@ from clfcbf.simulation import campaign
 from clfcbf.simulation.campaign import CONTROLLERS, PLANTS, EpisodeSpec
 from clfcbf.simulation.scenarios import LIMITS, REGIONS, World
 
+for package in ("tyro", "tqdm", "matplotlib"):
+    pytest.importorskip(package, reason="the command line needs the extras cli and viz")
+
 FAST = ["approach", "--poses", "2", "--plant", "kinematic", "--workers", "1"]
 
 TEXT = ("region", "controller", "outcome")

@@ -78,7 +78,7 @@ def test_an_admissible_command_has_an_admissible_brake(camera, limits, distance,
     guard = guard_of(camera, limits)
     scene = scene_at(camera, distance, share * camera.half_angle)
     assume(guard.clearance(scene) >= 0.0)
-    assume(guard.admissible(scene, Pose2(0.0, 0.0, 0.0), 0.0, twist))
+    assume(guard.admissible(scene, REST, twist))
     brake = Brake(twist, limits.brake_ticks(twist, PERIOD))
     while brake.ticks > 0:
         assert lowest_on_arc(guard, scene, brake.twist, PERIOD, 20) >= -1e-9
@@ -142,6 +142,24 @@ def test_an_adversary_stays_within_the_declared_margin_with_lag(lag, distance, s
     start = scene_at(camera, distance, share * camera.half_angle)
     lowest, _ = run(guard, camera, start, commands, lag)
     assert lowest >= -math.radians(0.5)
+
+
+@settings(max_examples=150)
+@given(
+    all_limits, st.floats(0.0, 0.3), st.floats(0.3, 3.0), st.floats(-0.9, 0.9), bang_bang,
+    st.floats(0.0, 1.0),
+)  # fmt: skip
+def test_no_margin_is_needed_for_a_known_lag(limits, lag, distance, share, switches, cover):
+    """The corners of (coast, brake) with the blur of their order are exact: no margin at all.
+
+    The body lags by any ``lag``, its twist is known, and the guard covers a lag at least as long.
+    """
+    camera = FieldOfView(math.radians(35), Pose2(0.2, 0, 0))
+    guard = guard_of(camera, limits, lag=lag + 0.1 * cover)
+    commands = [Twist(v, w) for v, w, n in switches for _ in range(n)]
+    start = scene_at(camera, distance, share * camera.half_angle)
+    lowest, _ = run(guard, camera, start, commands, lag)
+    assert lowest >= -1e-9
 
 
 def test_the_adversary_wins_without_the_guard():

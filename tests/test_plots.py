@@ -11,6 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+
+pytest.importorskip("matplotlib", reason="figures need the extra viz")
+
 from matplotlib.patches import Circle, Wedge
 
 from clfcbf import plots

@@ -34,10 +34,11 @@ class Barrier(Protocol):
         At ``scene``, or where the robot is after it moved by ``motion`` since.
         """
 
-    def clearance(self, scene: Scene, motion: Pose2 | None = None) -> float:
+    def clearance(self, scene: Scene, motion: Pose2 | None = None, blur: float = 0.0) -> float:
         """Smallest distance to the edge of the safe set, in the barrier's natural unit.
 
-        At ``scene``, or where the robot is after it moved by ``motion`` since.
+        At ``scene``, or where the robot is after it moved by ``motion`` since, its position
+        there known to ``blur`` [m]: not negative only if safe at every such position.
 
         At least 0 exactly where the scene is safe; [rad] for an angle, [m] for a distance.
         Minus infinity where the rows give no guidance back into the safe set.

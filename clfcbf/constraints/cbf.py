@@ -168,6 +168,8 @@ class FieldOfViewBarrier:
     name: str = "fov"
     _edges: tuple[Edge, ...] = field(init=False, repr=False, compare=False)
     _names: tuple[str, ...] = field(init=False, repr=False, compare=False)
+    _eye: tuple[float, float, float, float, float] = field(init=False, repr=False, compare=False)
+    _half_angle: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_positive("gain", self.gain)
@@ -175,6 +177,11 @@ class FieldOfViewBarrier:
         names = tuple(f"{self.name}.{side}{end}" for end in ends for side in ("left", "right"))
         object.__setattr__(self, "_edges", camera_edges(self.camera, self.margin))
         object.__setattr__(self, "_names", names)
+        x, y, yaw = self.camera.camera
+        half_angle = self.camera.half_angle - self.margin
+        eye = (x, y, math.cos(yaw), math.sin(yaw), 1.0 / math.sin(half_angle))
+        object.__setattr__(self, "_eye", eye)
+        object.__setattr__(self, "_half_angle", half_angle)
 
     def rows(self, scene: Scene, motion: Pose2 | None = None) -> Rows:
         """Rows of the feature after ``motion``, two for its centre or four for its ends.
@@ -190,8 +197,11 @@ class FieldOfViewBarrier:
             self._names, self._edges, self._points(scene.feature, motion), self.gain
         )
 
-    def clearance(self, scene: Scene, motion: Pose2 | None = None) -> float:
+    def clearance(self, scene: Scene, motion: Pose2 | None = None, blur: float = 0.0) -> float:
         """Angle from the feature to the nearer edge less the margin, after ``motion`` [rad].
+
+        With a ``blur`` both edges move inward by it: the view of a camera that sits
+        ``blur / sin(half_angle - margin)`` ahead of this one.
 
         Negative outside, the smaller of the two ends where the feature has a width. Minus
         infinity behind the camera, from where no row leads back into view. Seen from the
@@ -201,11 +211,14 @@ class FieldOfViewBarrier:
         ------
         GeometryError : as ``rows``
         """
-        view = self.camera.margin
-        points = self._points(scene.feature, motion)
-        clearance = view(points[0]) if len(points) == 1 else min(map(view, points))
-        behind = self.camera.half_angle - 0.5 * math.pi
-        return clearance - self.margin if clearance > behind else -math.inf
+        x, y, cos, sin, reach = self._eye
+        widest = 0.0
+        for px, py in self._points(scene.feature, motion):
+            dx, dy = px - x, py - y
+            bearing = abs(math.atan2(cos * dy - sin * dx, cos * dx + sin * dy - blur * reach))
+            if bearing > widest:
+                widest = bearing
+        return self._half_angle - widest if widest < 0.5 * math.pi else -math.inf
 
     def _points(self, feature: Pose2, motion: Pose2 | None) -> tuple[Point, ...]:
         """The points to be kept: the feature's centre, or its left and right end."""

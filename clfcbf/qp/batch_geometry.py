@@ -20,7 +20,7 @@ from clfcbf.qp.polygon import PARALLEL, TRUSTED
 from clfcbf.qp.projection import NOISE
 
 __all__ = ["DELICATE", "EMPTY", "FINE", "NOISE", "SMALL_ANGLE", "Array", "Chord", "Flags"]
-__all__ += ["Index", "chord", "excess", "inside", "lowest", "scale_of"]
+__all__ += ["Index", "chord", "excess", "inside", "lowest", "lowest_corner", "scale_of", "size_of"]
 
 Array: TypeAlias = NDArray[np.float64]
 Flags: TypeAlias = NDArray[np.uint8]
@@ -49,6 +49,13 @@ class Chord(NamedTuple):
 def scale_of(box: Array) -> Array:
     """A length that no coordinate of the box exceeds."""
     return np.add.reduce(np.abs(box), axis=0)
+
+
+def size_of(row: Array) -> Array:
+    """The sum of moduli of a row's normal."""
+    size = np.abs(row[0])
+    size += np.abs(row[1])
+    return size
 
 
 def excess(row: Array, v: Array, w: Array) -> Array:
@@ -153,6 +160,11 @@ def _beside(
     return np.where(held, FINE, np.where(gap > drift, EMPTY, DELICATE))
 
 
+def lowest_corner(box: Array, row: Array) -> tuple[Array, Array]:
+    r"""The corner of the box where :math:`a^\top u` is least; one of them where that is a side."""
+    return np.where(row[0] > 0.0, box[0], box[1]), np.where(row[1] > 0.0, box[2], box[3])
+
+
 def lowest(box: Array, row: Array, rows: Array) -> tuple[Array, Array, Flags]:
     r"""The corner of box and ``rows`` where :math:`a^\top u` is least, ``(a, ...) = row``.
 
@@ -163,24 +175,23 @@ def lowest(box: Array, row: Array, rows: Array) -> tuple[Array, Array, Flags]:
     v, w, verdict
     """
     a, c, _ = row
-    v, w = np.where(a > 0.0, box[0], box[1]), np.where(c > 0.0, box[2], box[3])
-    size = NOISE * (np.abs(a) + np.abs(c))
-    verdict = np.where(np.minimum(np.abs(a), np.abs(c)) > size, FINE, DELICATE)
+    v, w = lowest_corner(box, row)
+    flat = NOISE * size_of(row)
+    verdict = np.where(np.minimum(np.abs(a), np.abs(c)) > flat, FINE, DELICATE)
     noise = NOISE * scale_of(box)
-    for count in range(rows.shape[0]):
-        d, g, _ = rows[count]
-        over = excess(rows[count], v, w)
-        touch = np.abs(over) <= noise * (np.abs(d) + np.abs(g))
-        np.maximum(verdict, 2 * ((d != 0.0) | (g != 0.0)) * touch, out=verdict, casting="unsafe")
-        at = np.flatnonzero((over > 0.0) & (verdict != DELICATE))
+    for count, other in enumerate(rows):
+        over = excess(other, v, w)
+        size = size_of(other)
+        verdict[(np.abs(over) <= noise * size) & (size > 0.0)] = DELICATE
+        at = np.flatnonzero((over > 0.0) & (verdict == FINE))
         if not at.size:
             continue
         part, before = box.take(at, axis=1), rows[: count + 1].take(at, axis=2)
         line = before[count]
         ends = chord(part, line, before[:count], v[at], w[at])
         slope = c[at] * line[0] - a[at] * line[1]
-        flat = np.abs(slope) <= size[at] * (np.abs(line[0]) + np.abs(line[1]))
+        level = np.abs(slope) <= flat[at] * size[at]
         t = np.where(slope > 0.0, ends.lo, ends.hi)
         v[at], w[at] = inside(part, ends.x - line[1] * t, ends.y + line[0] * t)
-        verdict[at] = np.where(flat | (ends.verdict != FINE), DELICATE, FINE)
+        verdict[at] = np.where(level | (ends.verdict != FINE), DELICATE, FINE)
     return v, w, verdict

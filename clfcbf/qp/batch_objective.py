@@ -11,8 +11,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from clfcbf.qp.batch_geometry import SMALL_ANGLE, Array, Chord, Index, excess, scale_of
-from clfcbf.qp.objective import _CONDITION
+from clfcbf.qp.batch_geometry import SMALL_ANGLE, Array, Chord, Index, excess
+from clfcbf.qp.objective import CONDITION
 from clfcbf.qp.polygon import TRUSTED
 
 __all__ = ["Entry", "Objectives"]
@@ -45,12 +45,12 @@ class Objectives(NamedTuple):
         soft = None if self.soft is None else self.soft.take(at, axis=1)
         return Objectives((q11, q12, q22), self.nominal.take(at, axis=1), self.penalty, soft)
 
-    def untrusted(self, box: Array) -> NDArray[np.bool_]:
-        """Where rounding could exceed 1e-12: far nominal commands, badly scaled costs."""
+    def untrusted(self, scale: Array) -> NDArray[np.bool_]:
+        """Where rounding could exceed 1e-12: nominal far beyond ``scale``, ill-scaled costs."""
         q11, q12, q22 = self.weight
         trace = q11 + q22
-        far = np.abs(self.nominal[0]) + np.abs(self.nominal[1]) > TRUSTED * scale_of(box)
-        far |= ~np.less_equal(trace * trace, _CONDITION * (q11 * q22 - q12 * q12))
+        far = np.abs(self.nominal[0]) + np.abs(self.nominal[1]) > TRUSTED * scale
+        far |= ~np.less_equal(trace * trace, CONDITION * (q11 * q22 - q12 * q12))
         if self.soft is not None:
             size = np.abs(self.soft[0]) + np.abs(self.soft[1])
             far |= ~((size > _SHORTEST) & (size < _LONGEST))

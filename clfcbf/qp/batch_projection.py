@@ -20,16 +20,16 @@ from clfcbf.qp.batch_geometry import (
     excess,
     inside,
     lowest,
+    lowest_corner,
     scale_of,
+    size_of,
 )
 from clfcbf.qp.batch_objective import Objectives
 
 __all__ = ["least_violation", "project", "unit_rows"]
 
 
-def project(
-    objective: Objectives, box: Array, rows: Array
-) -> tuple[Array, Array, Flags, Index]:
+def project(objective: Objectives, box: Array, rows: Array) -> tuple[Array, Array, Flags, Index]:
     """The points of least cost in box and rows.
 
     Returns
@@ -38,30 +38,41 @@ def project(
     """
     v, w = objective.minimum_in(box)
     verdict = np.zeros(v.shape, dtype=np.uint8)
-    if not objective.diagonal:
-        verdict[objective.untrusted(box)] = DELICATE
     failed = np.zeros(v.shape, dtype=np.intp)
-    for count in range(rows.shape[0]):
-        violated = excess(rows[count], v, w) > 0.0
+    scale = scale_of(box)
+    touch = NOISE * scale
+    if not objective.diagonal:
+        verdict[objective.untrusted(scale)] = DELICATE
+    for count, row in enumerate(rows):
+        over = excess(row, v, w)
+        margin = size_of(row)
+        margin *= touch
+        violated = over > 0.0
+        if (touched := np.flatnonzero((over > -margin) ^ violated)).size:
+            # On a line to rounding: whether another one meets it in a wedge, the exact path asks.
+            verdict[touched] = DELICATE
         if count or not objective.diagonal:
             violated &= verdict == FINE
-        at = np.flatnonzero(violated)
-        if not at.size:
+        if not (at := np.flatnonzero(violated)).size:
             continue
-        some, part = objective.take(at), box.take(at, axis=1)
-        before = rows[: count + 1].take(at, axis=2)
-        line = before[count]
-        ends = chord(part, line, before[:count], v.take(at), w.take(at))
+        part, line = box.take(at, axis=1), row.take(at, axis=1)
+        hopeless = excess(line, *lowest_corner(part, line)) > margin.take(at)
+        verdict[at], failed[at] = np.where(hopeless, EMPTY, FINE), count
+        left = np.flatnonzero(~hopeless)
+        if not left.size:
+            continue
+        if left.size < at.size:
+            at, part, line = at[left], part.take(left, axis=1), line.take(left, axis=1)
+        some, taken = objective.take(at), rows[:count].take(at, axis=2)
+        ends = chord(part, line, taken, v.take(at), w.take(at))
         t, untrusted = some.minimum_on(line, ends)
         np.maximum(t, ends.lo, out=t)
         np.minimum(t, ends.hi, out=t)
         v[at], w[at] = inside(part, ends.x - line[1] * t, ends.y + line[0] * t)
         if untrusted is None:
-            untrusted = some.untrusted(part)
+            untrusted = some.untrusted(scale.take(at))
         np.copyto(ends.verdict, DELICATE, where=untrusted)
         verdict[at] = ends.verdict
-        if count:
-            failed[at] = count
     return v, w, verdict, failed
 
 
@@ -69,17 +80,15 @@ def unit_rows(rows: Array) -> tuple[Array, Flags]:
     """Rows of unit length, zero rows never violated; DELICATE where a length is extreme."""
     length2 = rows[:, 0] * rows[:, 0] + rows[:, 1] * rows[:, 1]
     units = rows / np.sqrt(length2)[:, None]
-    zero = (rows[:, 0] == 0.0) & (rows[:, 1] == 0.0)
-    if zero.any():
-        units[:, :2][np.repeat(zero[:, None], 2, axis=1)] = 0.0
-        units[:, 2][zero] = np.inf
-    extreme = ~zero & ~((length2 > 1e-300) & (length2 < 1e300))
+    extreme = ~((length2 > 1e-300) & (length2 < 1e300))
+    if extreme.any():
+        zero = (rows[:, 0] == 0.0) & (rows[:, 1] == 0.0)
+        units.transpose(0, 2, 1)[zero] = 0.0, 0.0, np.inf
+        extreme &= ~zero
     return units, np.where(extreme.any(axis=0), DELICATE, FINE)
 
 
-def least_violation(
-    box: Array, rows: Array, taken: Array
-) -> tuple[Array, Array, Array, Flags]:
+def least_violation(box: Array, rows: Array, taken: Array) -> tuple[Array, Array, Array, Flags]:
     r"""Where in box and ``taken`` the largest :math:`(a_i^\top u - b_i)/|a_i|` is least.
 
     Incremental: the point for the rows so far stands while the next row is not the largest

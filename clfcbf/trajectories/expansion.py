@@ -12,10 +12,21 @@ from numpy.typing import NDArray
 from clfcbf.errors import GeometryError
 from clfcbf.se2 import Point, Pose2, Twist, is_finite, wrap_angle
 
-__all__ = ["CUSP_TOLERANCE", "VANISHING", "BoundaryState", "Expansion", "taylor"]
+__all__ = [
+    "CUSP_TOLERANCE",
+    "REST_TOLERANCE",
+    "STANDSTILL",
+    "BoundaryState",
+    "Expansion",
+    "extent",
+    "taylor",
+]
 
-VANISHING = 1e-12
-"""A derived coefficient this small against the boundary values is rounding: taken as 0."""
+REST_TOLERANCE = 1e-5
+"""Of the whole motion's extent; an end whose speed would take it less far is at rest."""
+
+STANDSTILL = 1e-9
+"""A motion of less extent [m] is none: a nanometre, and no square underflows above it."""
 
 CUSP_TOLERANCE = 1e-6
 """A smallest speed this small against the largest is a cusp: the root is found to 1e-8."""
@@ -78,29 +89,30 @@ def taylor(
     Six ascending coefficients in x and six in y.
     """
     x, y = (_axis(near, far, axis, T) for axis in (0, 1))
-    scale = max(
-        math.hypot(far.position[0] - near.position[0], far.position[1] - near.position[1]),
-        abs(T) * max(math.hypot(*near.velocity), math.hypot(*far.velocity)),
-        T * T * max(math.hypot(*near.acceleration), math.hypot(*far.acceleration)),
+    return x, y
+
+
+def extent(start: BoundaryState, end: BoundaryState, T: float) -> float:
+    r"""Scale of the motion [m]: the largest of :math:`|d|`, :math:`|v| T` and :math:`|a| T^2`."""
+    return max(
+        math.dist(start.position, end.position),
+        T * max(math.hypot(*start.velocity), math.hypot(*end.velocity)),
+        T * T * max(math.hypot(*start.acceleration), math.hypot(*end.acceleration)),
     )
-    for k in (3, 4, 5):
-        if math.hypot(x[k], y[k]) * abs(T) ** k <= VANISHING * scale:
-            x[k] = y[k] = 0.0
-    return tuple(x), tuple(y)
 
 
-def _axis(near: BoundaryState, far: BoundaryState, axis: int, T: float) -> list[float]:
+def _axis(near: BoundaryState, far: BoundaryState, axis: int, T: float) -> _Coefficients:
     d = far.position[axis] - near.position[axis]
     v0, v1 = near.velocity[axis] * T, far.velocity[axis] * T
     a0, a1 = near.acceleration[axis] * T * T, far.acceleration[axis] * T * T
-    return [
+    return (
         near.position[axis],
         near.velocity[axis],
         0.5 * near.acceleration[axis],
         (20.0 * d - (8.0 * v1 + 12.0 * v0) - (3.0 * a0 - a1)) / (2.0 * T**3),
         (-30.0 * d + (14.0 * v1 + 16.0 * v0) + (3.0 * a0 - 2.0 * a1)) / (2.0 * T**4),
         (12.0 * d - 6.0 * (v1 + v0) + (a1 - a0)) / (2.0 * T**5),
-    ]
+    )
 
 
 class Expansion(NamedTuple):
@@ -120,18 +132,23 @@ class Expansion(NamedTuple):
     half: float
 
     @classmethod
-    def about(cls, x: _Coefficients, y: _Coefficients, half: float) -> Expansion:
+    def about(cls, x: _Coefficients, y: _Coefficients, half: float, extent: float) -> Expansion:
         """Divide out the zeros of the velocity at local time 0.
+
+        Leading coefficients that move less than ``REST_TOLERANCE`` of the ``extent`` [m] count
+        as zeros: a speed of a few micrometres a second says nothing of a heading.
 
         Raises
         ------
         GeometryError : the velocity vanishes everywhere
         """
+        T = 2.0 * abs(half)
         dx = tuple(k * c for k, c in enumerate(x))[1:]
         dy = tuple(k * c for k, c in enumerate(y))[1:]
-        for order, (a, b) in enumerate(zip(dx, dy, strict=True)):
-            if a or b:
-                return cls((x, y), order, (dx[order:], dy[order:]), half)
+        if extent > STANDSTILL:
+            for order, (a, b) in enumerate(zip(dx, dy, strict=True)):
+                if math.hypot(a, b) * T ** (order + 1) > REST_TOLERANCE * extent:
+                    return cls((x, y), order, (dx[order:], dy[order:]), half)
         raise GeometryError("all derivatives of the trajectory vanish: it has no heading")
 
     def point(self, tau: float) -> Point:
@@ -151,8 +168,8 @@ class Expansion(NamedTuple):
 
     def speed(self, tau: float) -> float:
         """Speed along the travel, not negative [m/s]."""
-        x, y = self.deflated
-        return abs(tau) ** self.order * math.hypot(_horner(x, tau), _horner(y, tau))
+        x, y = self.position
+        return math.hypot(_horner_slope(x, tau), _horner_slope(y, tau))
 
     def turn_rate(self, tau: float) -> float:
         r""":math:`(w \times \dot w)/|w|^2` [rad/s]."""

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from clfcbf.errors import GeometryError
 from clfcbf.limits import Limits
 from clfcbf.se2 import Pose2, Twist, wrap_angle
-from clfcbf.trajectories.expansion import BoundaryState, Expansion, taylor
+from clfcbf.trajectories.expansion import BoundaryState, Expansion, extent, taylor
 from clfcbf.trajectories.path import Peaks, check_gear
 
 __all__ = ["HEADING_TOLERANCE", "PEAK_SAMPLES", "BoundaryState", "Quintic", "minimum_duration"]
@@ -59,8 +59,8 @@ class Quintic:
     Nothing here knows of limits or of the camera: ask :meth:`peaks`. From rest with zero
     acceleration to rest with zero acceleration the quintic is the straight line
     :math:`p_0 + (p_f - p_0)(10\tau^3 - 15\tau^4 + 6\tau^5)` whatever headings were wanted.
-    A boundary speed that is tiny but not 0 fixes the heading there and may turn sharply
-    just after.
+    A boundary speed that is small but not 0 fixes the heading there and may turn sharply just
+    after; below ``REST_TOLERANCE`` of the motion's extent it counts as rest.
     """
 
     start: BoundaryState
@@ -75,9 +75,10 @@ class Quintic:
         if not (math.isfinite(T) and T > 0.0):
             raise GeometryError(f"duration must be finite and positive [s], got {T!r}")
         p, q = self.start, self.end
+        scale = extent(p, q, T)
         ends = (
-            Expansion.about(*taylor(p, q, T), half=0.5 * T),
-            Expansion.about(*taylor(q, p, -T), half=-0.5 * T),
+            Expansion.about(*taylor(p, q, T), half=0.5 * T, extent=scale),
+            Expansion.about(*taylor(q, p, -T), half=-0.5 * T, extent=scale),
         )
         for expansion, origin in zip(ends, (0.0, T), strict=True):
             cusp = expansion.cusp()

@@ -209,6 +209,18 @@ def test_rest_to_rest_is_the_known_straight_line():
         assert pose == pytest.approx((1 + 3 * share, 2 + 4 * share, math.atan2(4, 3)), abs=1e-12)
 
 
+@pytest.mark.parametrize("speed", [0.0, 1e-150, 1e-12, 1e-7])
+def test_an_immeasurable_speed_does_not_decide_the_heading(speed):
+    """Sideways at next to nothing, the robot still leaves along its acceleration."""
+    start = BoundaryState((0.0, 0.0), (0.0, speed), (0.1, 0.0))
+    trajectory = Quintic(start, BoundaryState((1.0, 0.2), (0.1, 0.0)), 5.0)
+    at_rest = Quintic(BoundaryState((0.0, 0.0), (0.0, 0.0), (0.1, 0.0)), trajectory.end, 5.0)
+    assert trajectory.pose(0.0).theta == pytest.approx(0.0, abs=1e-12)
+    assert trajectory.twist(0.0).omega == pytest.approx(at_rest.twist(0.0).omega, abs=1e-5)
+    assert trajectory.twist(0.0).v == pytest.approx(speed, abs=1e-15)
+    assert max(trajectory.peaks()) == pytest.approx(max(at_rest.peaks()), rel=1e-4)
+
+
 def test_rests_outside_its_duration():
     start, end = Pose2(0.0, 0.0, 0.0), Pose2(1.0, 0.2, 0.3)
     trajectory = Quintic.between(
@@ -242,6 +254,8 @@ def test_duration_must_be_positive(duration):
 def test_degenerate_inputs():
     with pytest.raises(GeometryError, match="all derivatives"):
         Quintic(BoundaryState((1.0, 1.0)), BoundaryState((1.0, 1.0)), 1.0)
+    with pytest.raises(GeometryError, match="all derivatives"):
+        Quintic(BoundaryState((0.0, 0.0)), BoundaryState((0.0, 1e-144)), 1.0)
     with pytest.raises(GeometryError, match="finite"):
         BoundaryState((0.0, math.nan))
     with pytest.raises(ConfigurationError, match="gear"):

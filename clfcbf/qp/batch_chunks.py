@@ -1,0 +1,180 @@
+"""Many two-input programs: their arguments checked, cut into chunks, turned into columns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from clfcbf.errors import ConfigurationError
+from clfcbf.qp.batch_geometry import Array
+from clfcbf.qp.batch_objective import Entry, Objectives
+from clfcbf.qp.lexicographic import Box, Row, Weight, check_weight
+
+__all__ = ["CHUNK", "Chunk", "One", "Programs", "slices"]
+
+CHUNK = 4096
+"""Programs worked on at a time: their numbers stay in a core's second-level cache (1 MB)."""
+
+
+class One(NamedTuple):
+    """One program of a batch, as the exact path takes it."""
+
+    weight: Weight
+    nominal: tuple[float, float]
+    box: Box
+    hard: list[Row]
+    soft: list[Row]
+
+
+class Chunk(NamedTuple):
+    """Programs side by side, a column each: box (4, n), rows (r, 3, n), hard ones first.
+
+    ``place`` says where in the batch they are, ``invalid`` which of them have no answer.
+    """
+
+    place: slice
+    objective: Objectives
+    box: Array
+    rows: Array
+    invalid: NDArray[np.bool_]
+
+    def clear_blank_rows(self, count: int | None = None) -> NDArray[np.bool_] | None:
+        """Make rows ``(0, 0, b)`` hold, the first ``count``; those that did not, or None."""
+        rows = self.rows[:count]
+        blank = (rows[:, 0] == 0.0) & (rows[:, 1] == 0.0)
+        if not blank.any():
+            return None
+        blank &= rows[:, 2] < 0.0
+        rows[:, 2][blank] = 0.0
+        return blank
+
+
+@dataclass(frozen=True, slots=True)
+class Programs:
+    """The arguments of a batch; those common to all programs keep one row.
+
+    Attributes
+    ----------
+    weight : shape (3,) or (B, 3)
+    nominal, box : shapes (B, 2), (B, 4)
+    hard, soft : shapes (B, m, 3), (B, k, 3)
+    """
+
+    weight: Array
+    nominal: Array
+    box: Array
+    hard: Array
+    soft: Array
+
+    @classmethod
+    def read(
+        cls,
+        weight: ArrayLike,
+        nominal: ArrayLike,
+        box: ArrayLike,
+        hard: ArrayLike,
+        soft: ArrayLike | None,
+    ) -> Programs:
+        """Check shapes and weights, see :func:`clfcbf.qp.batch.solve_batch`."""
+        n = _shaped("nominal", nominal, (-1, 2), None)
+        count = n.shape[0]
+        return cls(
+            _weights(weight, count),
+            n,
+            _shaped("box", box, (count, 4), count),
+            _shaped("hard", hard, (count, -1, 3), count),
+            _shaped("soft", np.empty((0, 3)) if soft is None else soft, (count, -1, 3), count),
+        )
+
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """Number of programs, of hard rows, and of all rows of each."""
+        hard, soft = self.hard.shape[1], self.soft.shape[1]
+        return self.nominal.shape[0], hard, hard + soft
+
+    def one(self, at: int) -> One:
+        """The program ``at`` in plain floats."""
+        q11, q12, q22 = (self.weight if self.weight.ndim == 1 else self.weight[at]).tolist()
+        n_v, n_w = self.nominal[at].tolist()
+        v_lo, v_hi, w_lo, w_hi = self.box[at].tolist()
+        hard, soft = (
+            [(a, c, b) for a, c, b in rows[at].tolist()] for rows in (self.hard, self.soft)
+        )
+        return One((q11, q12, q22), (n_v, n_w), (v_lo, v_hi, w_lo, w_hi), hard, soft)
+
+    def chunks(self, size: int) -> Iterator[Chunk]:
+        """The programs in chunks of ``size``."""
+        count, hard, rows = self.sizes
+        for place in slices(count, size):
+            n = place.stop - place.start
+            data = np.empty((6 + 3 * rows, n))
+            data[:2] = self.nominal[place].T
+            data[2:6] = self.box[place].T
+            block = data[6:].reshape(rows, 3, n)
+            block[:hard] = self.hard[place].transpose(1, 2, 0)
+            block[hard:] = self.soft[place].transpose(1, 2, 0)
+            objective = Objectives(self._weight(place), data[:2])
+            yield Chunk(place, objective, data[2:6], block, _invalid(data, block))
+
+    def _weight(self, place: slice) -> tuple[Entry, Entry, Entry]:
+        if self.weight.ndim == 1:
+            q11, q12, q22 = self.weight.tolist()
+            return q11, q12, q22
+        columns = np.ascontiguousarray(self.weight[place].T)
+        return columns[0], columns[1], columns[2]
+
+
+def slices(count: int, size: int) -> Iterator[slice]:
+    """Cut ``range(count)`` into slices of ``size``.
+
+    Raises
+    ------
+    ConfigurationError : the size is not positive
+    """
+    if size < 1:
+        raise ConfigurationError(f"chunk must be at least 1, got {size!r}")
+    for start in range(0, count, size):
+        yield slice(start, min(start + size, count))
+
+
+def _invalid(data: Array, rows: Array) -> NDArray[np.bool_]:
+    """Where a number is not finite, a residual overflows, or the box is reversed."""
+    n_v, n_w, v_lo, v_hi, w_lo, w_hi = data[:6]
+    total = np.add.reduce(data[:6], axis=0)
+    for a, c, b in rows:
+        total += a * n_v + c * n_w - b
+    # Only a sum that is not finite differs from 0 when taken from itself.
+    total -= total
+    return (total != 0.0) | (v_lo > v_hi) | (w_lo > w_hi)
+
+
+def _shaped(name: str, value: ArrayLike, shape: tuple[int, ...], count: int | None) -> Array:
+    """``value`` as an array of ``shape`` (-1: any length), its first axis added if missing."""
+    array = np.asarray(value, dtype=np.float64)
+    if count is not None and array.ndim == len(shape) - 1:
+        array = np.broadcast_to(array, (count, *array.shape))
+    if array.ndim != len(shape) or any(
+        want not in (-1, have) for want, have in zip(shape, array.shape, strict=True)
+    ):
+        wanted = ", ".join("any" if n < 0 else str(n) for n in shape)
+        raise ConfigurationError(f"{name} must have shape ({wanted}), got {np.shape(value)}")
+    return array
+
+
+def _weights(weight: ArrayLike, count: int) -> Array:
+    """One weight for all, or one a program; every one positive definite."""
+    array = np.asarray(weight, dtype=np.float64)
+    if array.ndim == 1:
+        return np.array(check_weight(array.tolist()))
+    array = _shaped("weight", array, (count, 3), None)
+    q11, q12, q22 = array.T
+    with np.errstate(all="ignore"):
+        good = (q11 > 0.0) & (q22 > 0.0) & (np.abs(q12) < np.sqrt(q11) * np.sqrt(q22))
+        good &= np.isfinite(array).all(axis=1)
+    if not good.all():
+        check_weight(array[int(np.argmin(good))].tolist())
+    return array
