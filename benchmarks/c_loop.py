@@ -78,9 +78,7 @@ class CLoop:
         soft: Array,
     ) -> Array:
         """(v, omega, hard slack, soft slack), shape (B, 4); the last two arguments (B, 3)."""
-        return self._call(
-            self._library.solve_lexicographic, weight, (), (nominal, box, hard, soft)
-        )
+        return self._call(self._library.solve_lexicographic, weight, (), (nominal, box, hard, soft))
 
     def one_shot(
         self,

@@ -245,19 +245,20 @@ def _parsed(argv: Sequence[str] | None) -> Command:
         raise MissingExtraError("tyro", "cli") from error
     registry = tyro.constructors.ConstructorRegistry()
 
+    def one_word(kind: type[Any], metavar: str) -> Any:
+        return tyro.constructors.PrimitiveConstructorSpec(
+            nargs=1,
+            metavar=metavar,
+            instance_from_str=lambda words: kind(words[0]),
+            is_instance=lambda value: value is None or isinstance(value, kind),
+            str_from_instance=lambda value: ["none" if value is None else str(value)],
+        )
+
     @registry.primitive_rule
-    def _plain(
-        info: tyro.constructors.PrimitiveTypeInfo,
-    ) -> tyro.constructors.PrimitiveConstructorSpec[Any] | None:
+    def _plain(info: tyro.constructors.PrimitiveTypeInfo) -> Any:
         for kind, metavar in ((Path, "FILE"), (int, "INT")):
             if info.type in (kind, kind | None):
-                return tyro.constructors.PrimitiveConstructorSpec(
-                    nargs=1,
-                    metavar=metavar,
-                    instance_from_str=lambda words, kind=kind: kind(words[0]),
-                    is_instance=lambda value, kind=kind: value is None or isinstance(value, kind),
-                    str_from_instance=lambda value: ["none" if value is None else str(value)],
-                )
+                return one_word(kind, metavar)
         return None
 
     commands: dict[str, Callable[..., Any]] = dict(COMMANDS)

@@ -288,5 +288,5 @@ def test_a_failed_episode_is_recorded_whole():
     ],
 )
 def test_unknown_names_list_the_choices(field, value):
-    with pytest.raises(ConfigurationError, match="choose|one of|valid"):
+    with pytest.raises(ConfigurationError, match=r"choose|one of|valid"):
         EpisodeSpec(**{field: value})

@@ -16,8 +16,8 @@ from clfcbf.qp.lexicographic import Box, Row, Weight, check_weight
 
 __all__ = ["CHUNK", "Chunk", "One", "Programs", "slices"]
 
-CHUNK = 4096
-"""Programs worked on at a time: their numbers stay in a core's second-level cache (1 MB)."""
+CHUNK = 16384
+"""Programs worked on at a time: 3 MB of columns, in the cache; half of it costs a fifth more."""
 
 
 class One(NamedTuple):
@@ -45,7 +45,7 @@ class Chunk(NamedTuple):
     def clear_blank_rows(self, count: int | None = None) -> NDArray[np.bool_] | None:
         """Make rows ``(0, 0, b)`` hold, the first ``count``; those that did not, or None."""
         rows = self.rows[:count]
-        blank = (rows[:, 0] == 0.0) & (rows[:, 1] == 0.0)
+        blank: NDArray[np.bool_] = (rows[:, 0] == 0.0) & (rows[:, 1] == 0.0)
         if not blank.any():
             return None
         blank &= rows[:, 2] < 0.0
@@ -141,6 +141,7 @@ def slices(count: int, size: int) -> Iterator[slice]:
         yield slice(start, min(start + size, count))
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _invalid(data: Array, rows: Array) -> NDArray[np.bool_]:
     """Where a number is not finite, a residual overflows, or the box is reversed."""
     n_v, n_w, v_lo, v_hi, w_lo, w_hi = data[:6]
@@ -149,7 +150,8 @@ def _invalid(data: Array, rows: Array) -> NDArray[np.bool_]:
         total += a * n_v + c * n_w - b
     # Only a sum that is not finite differs from 0 when taken from itself.
     total -= total
-    return (total != 0.0) | (v_lo > v_hi) | (w_lo > w_hi)
+    invalid: NDArray[np.bool_] = (total != 0.0) | (v_lo > v_hi) | (w_lo > w_hi)
+    return invalid
 
 
 def _shaped(name: str, value: ArrayLike, shape: tuple[int, ...], count: int | None) -> Array:

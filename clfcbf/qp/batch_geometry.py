@@ -48,19 +48,20 @@ class Chord(NamedTuple):
 
 def scale_of(box: Array) -> Array:
     """A length that no coordinate of the box exceeds."""
-    return np.add.reduce(np.abs(box), axis=0)
+    scale: Array = np.add.reduce(np.abs(box), axis=0)
+    return scale
 
 
 def size_of(row: Array) -> Array:
     """The sum of moduli of a row's normal."""
-    size = np.abs(row[0])
+    size: Array = np.abs(row[0])
     size += np.abs(row[1])
     return size
 
 
 def excess(row: Array, v: Array, w: Array) -> Array:
     """``a v + c w - b``, positive where the row is violated."""
-    value = row[0] * v
+    value: Array = row[0] * v
     value += row[1] * w
     value -= row[2]
     return value

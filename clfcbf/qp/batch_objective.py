@@ -49,7 +49,7 @@ class Objectives(NamedTuple):
         """Where rounding could exceed 1e-12: nominal far beyond ``scale``, ill-scaled costs."""
         q11, q12, q22 = self.weight
         trace = q11 + q22
-        far = np.abs(self.nominal[0]) + np.abs(self.nominal[1]) > TRUSTED * scale
+        far: NDArray[np.bool_] = np.abs(self.nominal[0]) + np.abs(self.nominal[1]) > TRUSTED * scale
         far |= ~np.less_equal(trace * trace, CONDITION * (q11 * q22 - q12 * q12))
         if self.soft is not None:
             size = np.abs(self.soft[0]) + np.abs(self.soft[1])

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from benchmarks.c_loop import CLoop, CompilerMissingError, find_compiler
 from clfcbf.errors import ConfigurationError
-from clfcbf.qp.batch import BatchStatus, solve_batch, solve_batch_paper
+from clfcbf.qp.batch import BatchStatus, solve_batch
+from clfcbf.qp.batch_one_shot import solve_batch_paper
 from clfcbf.qp.exact import paper_program, solve_lexicographic
 
 WEIGHT = (1.0, 0.0, 0.3)
@@ -49,7 +50,7 @@ def programs(rng, count, hard, soft, kind="plain"):
         turn = 10.0 ** rng.uniform(-9.0, -2.0, count) * rng.choice([-1.0, 1.0], count)
         sign = rng.choice([1.0, -1.0], count)
         a, c = rows[:, 0, 0], rows[:, 0, 1]
-        b = rows[:, -1, 2] + 0.01 * rng.normal(size=count)
+        b = rows[:, 0, 2] + np.hypot(a, c) * rng.choice([0.0, 1e-9, 1e-4, 0.05], count)
         rows[:, -1] = (sign * np.stack((a - turn * c, c + turn * a, b))).T
     elif kind == "thin":
         # Through a corner, or through the nominal command, to the last bits.
