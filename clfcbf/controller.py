@@ -128,7 +128,7 @@ class TrackingController:
         decision, self.state = tracking_tick(
             self.config, self.state, TrackingInputs(reference, scene, applied), now
         )
-        return decision._replace(timing=time.perf_counter() - begun)
+        return decision.timed(time.perf_counter() - begun)
 
 
 class DockingController:
@@ -190,7 +190,7 @@ class DockingController:
         decision, self.state = docking_tick(
             self.config, self.state, DockingInputs(observation, applied), now
         )
-        return decision._replace(timing=time.perf_counter() - begun)
+        return decision.timed(time.perf_counter() - begun)
 
     def undock(self, distance: float) -> None:
         """From the next tick on reverse straight out by ``distance`` [m], then be done."""

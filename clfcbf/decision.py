@@ -105,11 +105,15 @@ class Decision(NamedTuple):
     done: bool = False
     phase: Phase | None = None
     reason: str = ""
-    timing: float = 0.0
     weight: Weight | None = None
     answer: LexicographicSolution | None = None
     verdict: Verdict | None = None
     limits: Limits | None = None
+    timing: float = 0.0
+
+    def timed(self, duration: float) -> Decision:
+        """The same decision with the duration of its tick [s]."""
+        return tuple.__new__(Decision, (*self[:-1], duration))
 
     @property
     def named_rows(self) -> dict[str, Row]:

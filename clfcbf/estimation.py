@@ -86,7 +86,7 @@ def reckoned(reckoning: DeadReckoning, stamp: float) -> Pose2:
         return reckoning.pose
     for start, pose, mean in reversed(reckoning.past):
         if stamp >= start:
-            return pose.moved(mean, stamp - start)
+            return pose.moved(mean, stamp - start) if stamp > start else pose
     return reckoning.past[0][1] if reckoning.past else reckoning.pose
 
 

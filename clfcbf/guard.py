@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
-from clfcbf.constraints.barrier import Barrier
+from clfcbf.constraints.barrier import HERE, Barrier
 from clfcbf.errors import ConfigurationError
 from clfcbf.limits import InputBox, Limits, check_period
 from clfcbf.scene import Scene
@@ -102,26 +102,32 @@ class Guard:
         if not 0.0 <= self.lag < 10.0:
             raise ConfigurationError(f"lag must be in [0, 10) s, got {self.lag!r}")
 
-    def clearance(self, scene: Scene, motion: Pose2 | None = None, blur: float = 0.0) -> float:
-        """Smallest clearance of any barrier after the robot moved by ``motion``.
+    def clearance(
+        self, scene: Scene, motions: tuple[Pose2, ...] = HERE, blur: float = 0.0
+    ) -> float:
+        """Smallest clearance of any barrier at any of the poses; +inf without barriers.
 
-        Each in its own unit, position known to ``blur`` [m]; +inf without barriers.
+        Each in its own unit; see :meth:`Barrier.clearance`.
         """
         smallest = math.inf
         for barrier in self.barriers:
-            clearance = barrier.clearance(scene, motion, blur)
+            clearance = barrier.clearance(scene, motions, blur)
             if clearance < smallest:
                 smallest = clearance
         return smallest
 
-    def admissible(self, scene: Scene, body: Twist, twist: Twist, floor: float = 0.0) -> bool:
-        r"""Whether the brake from ``twist`` is safe, whatever the lag up to ``lag``.
+    def brake_from(self, twist: Twist) -> Brake:
+        """The same-curvature brake from ``twist``."""
+        return Brake(twist, self.limits.brake_ticks(twist, self.period))
+
+    def admissible(self, scene: Scene, body: Twist, brake: Brake, floor: float = 0.0) -> bool:
+        r"""Whether a brake is safe from here to rest, whatever the lag up to ``lag``.
 
         Parameters
         ----------
         scene : goal and feature now
         body : twist of the body now
-        twist : candidate command
+        brake : candidate command and the ticks its brake takes
         floor : clearance to be kept
 
         Notes
@@ -139,19 +145,15 @@ class Guard:
         four corners, each with that blur, answer for all of it, for a camera whose view
         contains the forward direction even when turned by the arc.
         """
-        ticks = self.limits.brake_ticks(twist, self.period)
+        twist, ticks = brake
         duration = 0.5 * self.period * (ticks + 1)
         braked = arc(twist, duration)
         if not self.lag:
-            return self.clearance(scene, braked) >= floor and self.clearance(scene) >= floor
+            return self.clearance(scene, (*HERE, braked)) >= floor
         blur = abs(body[0] * twist[1] - twist[0] * body[1]) * duration * self.lag
         coasted = arc(body, self.lag)
-        return (
-            self.clearance(scene, coasted.compose(braked), blur) >= floor
-            and self.clearance(scene, braked, blur) >= floor
-            and self.clearance(scene, coasted, blur) >= floor
-            and self.clearance(scene, None, blur) >= floor
-        )
+        corners = (*HERE, coasted, braked, coasted.compose(braked))
+        return self.clearance(scene, corners, blur) >= floor
 
     def filter(
         self, wanted: Twist, scene: Scene, body: Twist, box: InputBox, brake: Brake
@@ -174,25 +176,27 @@ class Guard:
         """
         clearance = self.clearance(scene)
         floor = min(0.0, clearance)
+        new = self.brake_from(wanted)
+        if clearance > -math.inf and self.admissible(scene, body, new, floor):
+            return Guarded(wanted, new, Verdict.ADMITTED, True, clearance)
         last = brake.next()
         safe = box.clip(last.twist)
         if clearance > -math.inf:
-            for verdict, candidate in _candidates(wanted, safe, box):
-                if self.admissible(scene, body, candidate, floor):
-                    ticks = self.limits.brake_ticks(candidate, self.period)
-                    return Guarded(candidate, Brake(candidate, ticks), verdict, True, clearance)
+            for other in _between(safe, wanted, box):
+                new = self.brake_from(other)
+                if self.admissible(scene, body, new, floor):
+                    return Guarded(other, new, Verdict.REPLACED, True, clearance)
         # Outside the box the chassis did not follow the brake: its certificate is void.
         certified = box.contains(last.twist, ROUNDING)
-        kept = last if certified else Brake(safe, self.limits.brake_ticks(safe, self.period))
+        kept = last if certified else self.brake_from(safe)
         return Guarded(safe, kept, Verdict.BRAKED, certified, clearance)
 
 
-def _candidates(wanted: Twist, safe: Twist, box: InputBox) -> Iterator[tuple[Verdict, Twist]]:
-    """The wanted command, then commands ever closer to the brake, all inside the box."""
-    yield Verdict.ADMITTED, wanted
+def _between(safe: Twist, wanted: Twist, box: InputBox) -> Iterator[Twist]:
+    """Commands ever closer from the wanted one to the brake, all inside the box."""
     v, omega = safe
     dv, dw = wanted[0] - v, wanted[1] - omega
     for share in _FALLBACKS:
-        yield Verdict.REPLACED, box.clip(Twist(v + share * dv, omega + share * dw))
-    yield Verdict.REPLACED, box.clip(Twist(v, wanted[1]))
-    yield Verdict.REPLACED, box.clip(Twist(wanted[0], omega))
+        yield box.clip(Twist(v + share * dv, omega + share * dw))
+    yield box.clip(Twist(v, wanted[1]))
+    yield box.clip(Twist(wanted[0], omega))

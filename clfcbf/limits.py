@@ -45,6 +45,15 @@ def check_period(period: float) -> float:
     return period
 
 
+def _overlap(lo: float, hi: float, least: float, most: float) -> tuple[float, float]:
+    """[lo, hi] cut with [least, most]; the end nearest to it where they do not meet."""
+    if hi < least:
+        return hi, hi
+    if lo > most:
+        return lo, lo
+    return (lo if lo > least else least), (hi if hi < most else most)
+
+
 @dataclass(frozen=True, slots=True)
 class Limits:
     r"""What the chassis can do.
@@ -98,13 +107,9 @@ class Limits:
         """
         v, omega = applied
         dv, dw = self.a_max * period, self.alpha_max * period
-        v_min = self.reverse_speed
-        return InputBox(
-            min(max(v - dv, v_min), v + dv),
-            max(min(v + dv, self.v_max), v - dv),
-            min(max(omega - dw, -self.omega_max), omega + dw),
-            max(min(omega + dw, self.omega_max), omega - dw),
-        )
+        v_lo, v_hi = _overlap(v - dv, v + dv, self.reverse_speed, self.v_max)
+        w_lo, w_hi = _overlap(omega - dw, omega + dw, -self.omega_max, self.omega_max)
+        return InputBox(v_lo, v_hi, w_lo, w_hi)
 
     def contains(self, twist: Twist, tolerance: float = 0.0) -> bool:
         """Whether ``twist`` is inside the speed limits, to ``tolerance``."""

@@ -86,7 +86,7 @@ class PaperDocking:
         """The command of this tick."""
         clock = time.perf_counter()
         decision = self._step(observation, applied, now)
-        return decision._replace(timing=time.perf_counter() - clock)
+        return decision.timed(time.perf_counter() - clock)
 
     def _step(self, observation: Observation | None, applied: Twist, now: float) -> Decision:
         before = self.state.base.reckoning

@@ -115,4 +115,4 @@ class SafetyFilter:
         decision, self.state = filter_tick(
             self.config, self.state, FilterInputs(nominal, scene, applied), now
         )
-        return decision._replace(timing=time.perf_counter() - begun)
+        return decision.timed(time.perf_counter() - begun)

@@ -16,12 +16,13 @@ __all__ = ["Point", "Pose2", "Twist", "arc", "is_finite", "wrap_angle"]
 Point = tuple[float, float]
 """A point (x, y) [m]."""
 
+_PI = math.pi
 _TWO_PI = 2.0 * math.pi
 
 
 def wrap_angle(angle: float) -> float:
     """Wrap an angle to (-pi, pi] [rad]; exact for every finite angle."""
-    if -math.pi < angle <= math.pi:
+    if -_PI < angle <= _PI:
         return angle
     wrapped = math.remainder(angle, _TWO_PI)
     return math.pi if wrapped == -math.pi else wrapped
@@ -48,12 +49,12 @@ class Pose2(NamedTuple):
     def compose(self, other: Pose2) -> Pose2:
         """``self * other``: a pose given in this frame, expressed in this frame's parent."""
         x, y, theta = self
+        dx, dy, turn = other
         c, s = math.cos(theta), math.sin(theta)
-        return Pose2(
-            x + c * other[0] - s * other[1],
-            y + s * other[0] + c * other[1],
-            wrap_angle(theta + other[2]),
-        )
+        turn += theta
+        if not -_PI < turn <= _PI:
+            turn = wrap_angle(turn)
+        return Pose2(x + c * dx - s * dy, y + s * dx + c * dy, turn)
 
     def inverse(self) -> Pose2:
         """The parent frame seen from this one."""
@@ -64,9 +65,14 @@ class Pose2(NamedTuple):
     def relative(self, other: Pose2) -> Pose2:
         """``other`` seen from this pose, ``self.inverse() * other``, both in one frame."""
         x, y, theta = self
+        dx, dy, turn = other
         c, s = math.cos(theta), math.sin(theta)
-        dx, dy = other[0] - x, other[1] - y
-        return Pose2(c * dx + s * dy, c * dy - s * dx, wrap_angle(other[2] - theta))
+        dx -= x
+        dy -= y
+        turn -= theta
+        if not -_PI < turn <= _PI:
+            turn = wrap_angle(turn)
+        return Pose2(c * dx + s * dy, c * dy - s * dx, turn)
 
     def transform(self, point: Point) -> Point:
         """A point given in this frame, expressed in this frame's parent."""
@@ -105,9 +111,13 @@ def arc(twist: Twist, duration: float) -> Pose2:
     v, omega = twist
     half = 0.5 * omega * duration
     chord = v * duration
+    sine = math.sin(half)
     if half:
-        chord *= math.sin(half) / half
-    return Pose2(chord * math.cos(half), chord * math.sin(half), wrap_angle(2.0 * half))
+        chord *= sine / half
+    turn = 2.0 * half
+    if not -_PI < turn <= _PI:
+        turn = wrap_angle(turn)
+    return Pose2(chord * math.cos(half), chord * sine, turn)
 
 
 def is_finite(values: tuple[float, ...]) -> bool:
@@ -115,7 +125,5 @@ def is_finite(values: tuple[float, ...]) -> bool:
 
     Values so large that their sum overflows count as not finite: no robot is 1e308 m away.
     """
-    total = 0.0
-    for value in values:
-        total += value - value
-    return total == 0.0
+    total = sum(values)
+    return total - total == 0.0

@@ -15,6 +15,7 @@ safe. What the tick remembers is one value that goes in and comes out, so a run 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -120,7 +121,8 @@ def begin(config: FilterConfig, state: FilterState, applied: Twist, now: float) 
     fault: Status | None = None
     if not is_finite(applied):
         applied, fault = state.sent, Status.INVALID_INPUT
-    applied = Twist(*applied)
+    if type(applied) is not Twist:
+        applied = Twist(*applied)
     reckoning = state.reckoning
     if reckoning is None:
         if math.isfinite(now):
@@ -144,7 +146,7 @@ def stop(begun: Begun, status: Status, config: FilterConfig) -> tuple[Decision, 
     twist = begun.box.clip(brake.twist)
     certified = begun.box.contains(brake.twist, ROUNDING)
     if not certified:
-        brake = Brake(twist, config.limits.brake_ticks(twist, config.period))
+        brake = config.guard.brake_from(twist)
     decision = Decision(
         twist, status, certified, twist, math.nan, box=begun.box, limits=config.limits
     )
@@ -173,7 +175,9 @@ def finish(
         failed, after = stop(begun, Status.SOLVER_FAILED, config)
         asked = failed._replace(nominal=nominal, rows=blocks, weight=config.weight, answer=answer)
         return asked, after
-    wanted = begun.box.clip(Twist(answer.v, answer.omega))
+    wanted = Twist(answer.v, answer.omega)
+    if not begun.box.contains(wanted):
+        wanted = begun.box.clip(wanted)
     outcome = config.guard.filter(wanted, scene, begun.reckoning.body, begun.box, begun.brake)
     slack = barrier_slack = 0.0
     if answer.relaxed:
@@ -200,8 +204,11 @@ def finish(
     return decision, FilterState(begun.reckoning, outcome.brake, outcome.twist)
 
 
-def _levels(blocks: tuple[Rows, ...]) -> tuple[list[int], list[list[Row]]]:
+def _levels(blocks: tuple[Rows, ...]) -> tuple[list[int], list[Sequence[Row]]]:
     """The rows by priority, most important level first."""
+    priorities = [block.priority for block in blocks]
+    if all(map(int.__lt__, priorities, priorities[1:])):
+        return priorities, [block.coefficients for block in blocks]
     by_priority: dict[int, list[Row]] = {}
     for block in blocks:
         by_priority.setdefault(block.priority, []).extend(block.coefficients)
@@ -209,7 +216,7 @@ def _levels(blocks: tuple[Rows, ...]) -> tuple[list[int], list[list[Row]]]:
     return priorities, [by_priority[priority] for priority in priorities]
 
 
-def _verified(answer: LexicographicSolution, box: InputBox, levels: list[list[Row]]) -> bool:
+def _verified(answer: LexicographicSolution, box: InputBox, levels: list[Sequence[Row]]) -> bool:
     """Whether an answer is in the box and keeps each row up to its level's slack."""
     v, omega = answer.v, answer.omega
     if not box.contains(Twist(v, omega), _TOLERANCE):

@@ -8,7 +8,10 @@ from clfcbf.constraints.rows import Rows
 from clfcbf.scene import Scene
 from clfcbf.se2 import Pose2
 
-__all__ = ["Barrier"]
+__all__ = ["HERE", "Barrier"]
+
+HERE = (Pose2(0.0, 0.0, 0.0),)
+"""No motion: the robot is where the scene was seen from."""
 
 
 @runtime_checkable
@@ -34,11 +37,13 @@ class Barrier(Protocol):
         At ``scene``, or where the robot is after it moved by ``motion`` since.
         """
 
-    def clearance(self, scene: Scene, motion: Pose2 | None = None, blur: float = 0.0) -> float:
+    def clearance(
+        self, scene: Scene, motions: tuple[Pose2, ...] = HERE, blur: float = 0.0
+    ) -> float:
         """Smallest distance to the edge of the safe set, in the barrier's natural unit.
 
-        At ``scene``, or where the robot is after it moved by ``motion`` since, its position
-        there known to ``blur`` [m]: not negative only if safe at every such position.
+        The smallest over several poses of the robot, each seen from where it was at ``scene``
+        and its position known to ``blur`` [m].
 
         At least 0 exactly where the scene is safe; [rad] for an angle, [m] for a distance.
         Minus infinity where the rows give no guidance back into the safe set.

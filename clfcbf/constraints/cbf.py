@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from clfcbf.camera import FieldOfView
+from clfcbf.constraints.barrier import HERE
 from clfcbf.constraints.bearing import bearing_rows, paper_row
 from clfcbf.constraints.checks import check_finite, check_positive, shrunk_half_angle
 from clfcbf.constraints.rows import Priority, Row, Rows
@@ -31,6 +32,7 @@ __all__ = [
 ]
 
 _AT_REST: Point = (0.0, 0.0)
+_RIGHT_ANGLE = 0.5 * math.pi
 
 
 class Edge(NamedTuple):
@@ -170,6 +172,7 @@ class FieldOfViewBarrier:
     _names: tuple[str, ...] = field(init=False, repr=False, compare=False)
     _eye: tuple[float, float, float, float, float] = field(init=False, repr=False, compare=False)
     _half_angle: float = field(init=False, repr=False, compare=False)
+    _width: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_positive("gain", self.gain)
@@ -182,6 +185,7 @@ class FieldOfViewBarrier:
         eye = (x, y, math.cos(yaw), math.sin(yaw), 1.0 / math.sin(half_angle))
         object.__setattr__(self, "_eye", eye)
         object.__setattr__(self, "_half_angle", half_angle)
+        object.__setattr__(self, "_width", self.camera.width)
 
     def rows(self, scene: Scene, motion: Pose2 | None = None) -> Rows:
         """Rows of the feature after ``motion``, two for its centre or four for its ends.
@@ -193,12 +197,15 @@ class FieldOfViewBarrier:
         ------
         GeometryError : the feature is not finite, or has a width and no heading
         """
-        return half_plane_rows(
-            self._names, self._edges, self._points(scene.feature, motion), self.gain
-        )
+        points = self._points(scene.feature)
+        if motion is not None:
+            points = tuple([motion.seen(point) for point in points])
+        return half_plane_rows(self._names, self._edges, points, self.gain)
 
-    def clearance(self, scene: Scene, motion: Pose2 | None = None, blur: float = 0.0) -> float:
-        """Angle from the feature to the nearer edge less the margin, after ``motion`` [rad].
+    def clearance(
+        self, scene: Scene, motions: tuple[Pose2, ...] = HERE, blur: float = 0.0
+    ) -> float:
+        """Angle from the feature to the nearer edge less the margin [rad], the smallest over poses.
 
         With a ``blur`` both edges move inward by it: the view of a camera that sits
         ``blur / sin(half_angle - margin)`` ahead of this one.
@@ -211,24 +218,31 @@ class FieldOfViewBarrier:
         ------
         GeometryError : as ``rows``
         """
-        x, y, cos, sin, reach = self._eye
+        eye_x, eye_y, cos, sin, reach = self._eye
+        shift = blur * reach
+        points = self._points(scene[1])
         widest = 0.0
-        for px, py in self._points(scene.feature, motion):
-            dx, dy = px - x, py - y
-            bearing = abs(math.atan2(cos * dy - sin * dx, cos * dx + sin * dy - blur * reach))
-            if bearing > widest:
-                widest = bearing
-        return self._half_angle - widest if widest < 0.5 * math.pi else -math.inf
+        for x, y, turn in motions:
+            c, s = math.cos(turn), math.sin(turn)
+            for px, py in points:
+                dx, dy = px - x, py - y
+                seen_x, seen_y = c * dx + s * dy - eye_x, c * dy - s * dx - eye_y
+                bearing = abs(
+                    math.atan2(cos * seen_y - sin * seen_x, cos * seen_x + sin * seen_y - shift)
+                )
+                if bearing > widest:
+                    widest = bearing
+                elif bearing != bearing:
+                    raise GeometryError(f"motion must be finite, got {motions!r}")
+        return self._half_angle - widest if widest < _RIGHT_ANGLE else -math.inf
 
-    def _points(self, feature: Pose2, motion: Pose2 | None) -> tuple[Point, ...]:
+    def _points(self, feature: Pose2) -> tuple[Point, ...]:
         """The points to be kept: the feature's centre, or its left and right end."""
-        if self.camera.width > 0.0 and motion is not None:
-            feature = motion.relative(feature)
-            motion = None
-        x, y = (feature[0], feature[1]) if motion is None else motion.seen(feature)
-        if not (x + y) - (x + y) == 0.0:
+        x, y = feature[0], feature[1]
+        total = x + y
+        if total - total != 0.0:
             raise GeometryError(f"feature must be finite, got {feature!r}")
-        width = self.camera.width
+        width = self._width
         if not width > 0.0:
             return ((x, y),)
         if len(feature) < 3 or not math.isfinite(feature[2]):

@@ -43,9 +43,8 @@ class Rows(NamedTuple):
     def attainable(self, witness: Twist) -> Rows:
         """These rows, none tighter than what the command ``witness`` meets."""
         v, omega = witness
-        return self._replace(
-            coefficients=tuple((a, c, max(b, a * v + c * omega)) for a, c, b in self.coefficients)
-        )
+        met = [(a, c, max(b, a * v + c * omega)) for a, c, b in self.coefficients]
+        return Rows(self.names, tuple(met), self.priority, self.values)
 
     @property
     def A(self) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from clfcbf import defaults
 from clfcbf.camera import FieldOfView
+from clfcbf.constraints.cbf import FieldOfViewBarrier
 from clfcbf.decision import Decision
 from clfcbf.limits import Limits
 from clfcbf.qp import QuadraticProgram, get_backend, solve_lexicographic
@@ -40,7 +41,7 @@ def _filter() -> SafetyFilter:
     """A filter whose command the camera's left edge holds in :data:`_SCENE`."""
     limits = Limits(v_max=0.22, omega_max=0.4, a_max=0.3, alpha_max=1.0)
     camera = FieldOfView(math.radians(35.0), Pose2(0.2, 0.0, 0.0))
-    return SafetyFilter(limits, [camera], _PERIOD)
+    return SafetyFilter(limits, [FieldOfViewBarrier(camera, gain=1.5)], _PERIOD)
 
 
 def _decided() -> Decision:

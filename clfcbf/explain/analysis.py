@@ -41,15 +41,18 @@ def explain(decision: Decision, units: Mapping[str, str] | None = None) -> Expla
     """
     names, levels = _levels(decision)
     box, nominal = decision.box, decision.nominal
-    exact = solve_lexicographic(decision.weight or _ANY_WEIGHT, nominal, box, levels)
     held: dict[str, float] = {}
     sides = (0.0,) * 4
     conflict = None
-    if exact is not None:
-        if decision.weight is not None:
+    try:
+        exact = solve_lexicographic(decision.weight or _ANY_WEIGHT, nominal, box, levels)
+        if exact is not None and decision.weight is not None:
             found = multipliers(decision.weight, nominal, box, levels, exact)
             flat = [name for level in names for name in level]
             held, sides = dict(zip(flat, found.rows, strict=True)), found.box
+    except ArithmeticError:  # from numbers near the ends of the floats' range, as of a broken file
+        exact = None
+    if exact is not None:
         conflict = _conflict(decision, names, levels, exact.slacks, exact.violated)
     margins = decision.margins
     rows = tuple(

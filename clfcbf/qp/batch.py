@@ -12,10 +12,10 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from clfcbf.qp.batch_chunks import CHUNK, Chunk, Programs
-from clfcbf.qp.batch_geometry import DELICATE, EMPTY, FINE, Array, Flags, excess
+from clfcbf.qp.batch_geometry import DELICATE, EMPTY, FINE, Array, Flags, Mask, excess
 from clfcbf.qp.batch_projection import least_violation, project, unit_rows
 from clfcbf.qp.lexicographic import solve_lexicographic
 
@@ -49,8 +49,8 @@ class BatchSolution(NamedTuple):
     twist: Array
     slacks: Array
     status: Flags
-    violated: NDArray[np.bool_]
-    delicate: NDArray[np.bool_]
+    violated: Mask
+    delicate: Mask
 
 
 def solve_batch(

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from clfcbf.errors import ConfigurationError
-from clfcbf.qp.batch_geometry import Array
+from clfcbf.qp.batch_geometry import Array, Mask
 from clfcbf.qp.batch_objective import Entry, Objectives
 from clfcbf.qp.lexicographic import Box, Row, Weight, check_weight
 
@@ -40,12 +40,12 @@ class Chunk(NamedTuple):
     objective: Objectives
     box: Array
     rows: Array
-    invalid: NDArray[np.bool_]
+    invalid: Mask
 
-    def clear_blank_rows(self, count: int | None = None) -> NDArray[np.bool_] | None:
+    def clear_blank_rows(self, count: int | None = None) -> Mask | None:
         """Make rows ``(0, 0, b)`` hold, the first ``count``; those that did not, or None."""
         rows = self.rows[:count]
-        blank: NDArray[np.bool_] = (rows[:, 0] == 0.0) & (rows[:, 1] == 0.0)
+        blank: Mask = (rows[:, 0] == 0.0) & (rows[:, 1] == 0.0)
         if not blank.any():
             return None
         blank &= rows[:, 2] < 0.0
@@ -142,7 +142,7 @@ def slices(count: int, size: int) -> Iterator[slice]:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def _invalid(data: Array, rows: Array) -> NDArray[np.bool_]:
+def _invalid(data: Array, rows: Array) -> Mask:
     """Where a number is not finite, a residual overflows, or the box is reversed."""
     n_v, n_w, v_lo, v_hi, w_lo, w_hi = data[:6]
     total = np.add.reduce(data[:6], axis=0)
@@ -150,7 +150,7 @@ def _invalid(data: Array, rows: Array) -> NDArray[np.bool_]:
         total += a * n_v + c * n_w - b
     # Only a sum that is not finite differs from 0 when taken from itself.
     total -= total
-    invalid: NDArray[np.bool_] = (total != 0.0) | (v_lo > v_hi) | (w_lo > w_hi)
+    invalid: Mask = (total != 0.0) | (v_lo > v_hi) | (w_lo > w_hi)
     return invalid
 
 

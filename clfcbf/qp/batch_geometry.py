@@ -19,12 +19,30 @@ from numpy.typing import NDArray
 from clfcbf.qp.polygon import PARALLEL, TRUSTED
 from clfcbf.qp.projection import NOISE
 
-__all__ = ["DELICATE", "EMPTY", "FINE", "NOISE", "SMALL_ANGLE", "Array", "Chord", "Flags"]
-__all__ += ["Index", "chord", "excess", "inside", "lowest", "lowest_corner", "scale_of", "size_of"]
+__all__ = [
+    "DELICATE",
+    "EMPTY",
+    "FINE",
+    "NOISE",
+    "SMALL_ANGLE",
+    "Array",
+    "Chord",
+    "Flags",
+    "Index",
+    "Mask",
+    "chord",
+    "excess",
+    "inside",
+    "lowest",
+    "lowest_corner",
+    "scale_of",
+    "size_of",
+]
 
 Array: TypeAlias = NDArray[np.float64]
 Flags: TypeAlias = NDArray[np.uint8]
 Index: TypeAlias = NDArray[np.intp]
+Mask: TypeAlias = NDArray[np.bool_]
 
 FINE, EMPTY, DELICATE = np.uint8(0), np.uint8(1), np.uint8(2)
 """Verdict on a column; of two the larger one stands."""
@@ -94,71 +112,64 @@ def chord(box: Array, line: Array, taken: Iterable[Array], v: Array, w: Array) -
     if across.any():
         at = np.flatnonzero(across)
         flat = cc[at] <= small[at]
-        drift = _reach(box, at) * np.sqrt(np.minimum(aa, cc)[at] / length2[at]) + undecided[at]
-        place = np.where(flat, x[at], y[at])
-        low, high = np.where(flat, box[:2, at], box[2:, at])
-        verdict[at] = np.maximum(verdict[at], _between(place, low, high, drift))
+        some = _along_side(box.take(at, axis=1), line.take(at, axis=1), x[at], y[at], flat)
+        verdict[at] = np.maximum(verdict[at], some)
         lo[at[flat]], hi[at[flat]] = -np.inf, np.inf
         near[at[~flat]], far[at[~flat]] = -np.inf, np.inf
     lo, hi = np.minimum(lo, hi), np.maximum(lo, hi)
     np.maximum(lo, np.minimum(near, far), out=lo)
     np.minimum(hi, np.maximum(near, far), out=hi)
     for row in taken:
-        d, g, _ = row
-        rate = a * g - c * d
-        gap = excess(row, x, y)
-        other2 = d * d + g * g
-        parallel = rate * rate <= small * other2
-        t = -gap / rate
+        rate = a * row[1] - c * row[0]
+        t = excess(row, x, y)
+        t /= -rate
+        parallel = rate * rate <= small * (row[0] * row[0] + row[1] * row[1])
         if parallel.any():
             at = np.flatnonzero(parallel)
-            lengths = np.sqrt(length2[at]), np.sqrt(other2[at])
-            verdict[at] = np.maximum(
-                verdict[at],
-                _beside(
-                    gap[at],
-                    rate[at] / lengths[0],
-                    lengths[1],
-                    (_reach(box, at), undecided[at]),
-                    (a[at] * d[at] + c[at] * g[at] > 0.0)
-                    & (rate[at] * rate[at] <= _SAME_ANGLE * length2[at] * other2[at]),
-                ),
-            )
+            near_by = box.take(at, axis=1), line.take(at, axis=1), row.take(at, axis=1)
+            verdict[at] = np.maximum(verdict[at], _beside(*near_by, x[at], y[at]))
             rate[at], t[at] = 1.0, np.inf  # cuts off no end
         np.minimum(hi, np.where(rate > 0.0, t, np.inf), out=hi)
         np.maximum(lo, np.where(rate > 0.0, -np.inf, t), out=lo)
     width = hi - lo
-    empty = width < 0.0
-    np.maximum(verdict, empty, out=verdict)
+    np.maximum(verdict, width < 0.0, out=verdict)
     width *= width
     width *= length2
     np.copyto(verdict, DELICATE, where=~(width > undecided * undecided))
     return Chord(x, y, lo, hi, verdict)
 
 
-def _reach(box: Array, at: Index) -> Array:
-    """Twice the half perimeter: no chord of the box extends farther from a foot on it."""
-    reach: Array = 2.0 * (box[1, at] - box[0, at] + box[3, at] - box[2, at])
-    return reach
+def _drift(box: Array, sine: Array) -> Array:
+    """How far the line leaves its direction by ``sine`` anywhere in the box, and rounding."""
+    reach: Array = 2.0 * (box[1] - box[0] + box[3] - box[2])
+    return reach * np.abs(sine) + NOISE * scale_of(box)
 
 
-def _between(place: Array, low: Array, high: Array, drift: Array) -> Flags:
-    """Verdict on a line along a side of the box, which it leaves by ``drift`` at most."""
+def _along_side(box: Array, line: Array, x: Array, y: Array, flat: Mask) -> Flags:
+    """Verdict on a line along the v-sides (``flat``) or the w-sides, to a small angle."""
+    least = np.minimum(np.abs(line[0]), np.abs(line[1]))
+    drift = _drift(box, least / np.hypot(line[0], line[1]))
+    place = np.where(flat, x, y)
+    low, high = np.where(flat, box[:2], box[2:])
     fine = (low + drift < place) & (place < high - drift)
     out = (place < low - drift) | (place > high + drift)
     return np.where(fine, FINE, np.where(out, EMPTY, DELICATE))
 
 
-def _beside(
-    gap: Array, rate: Array, other: Array, reach: tuple[Array, Array], same: NDArray[np.bool_]
-) -> Flags:
-    """Verdict on a row nearly parallel to the line: it holds, or fails, along all of it.
-
-    ``gap`` is its excess at the foot, ``rate`` that per length; ``same`` marks a copy.
-    """
-    drift = np.abs(reach[0] * rate) + reach[1] * other
-    held = (gap < -drift) | ((gap <= drift) & same) | (other == 0.0)
-    return np.where(held, FINE, np.where(gap > drift, EMPTY, DELICATE))
+def _beside(box: Array, line: Array, row: Array, x: Array, y: Array) -> Flags:
+    """Verdict on a row nearly parallel to the line: it holds, or fails, along all of it."""
+    a, c, _ = line
+    d, g, _ = row
+    length2, other2, rate = a * a + c * c, d * d + g * g, a * g - c * d
+    other = np.sqrt(other2)
+    drift = _drift(box, rate / (other * np.sqrt(length2))) * other
+    same = (rate * rate <= _SAME_ANGLE * length2 * other2) & (a * d + c * g > 0.0)
+    gap = excess(row, x, y)
+    held = (gap < -drift) | ((gap <= drift) & same)
+    verdict = np.where(held, FINE, np.where(gap > drift, EMPTY, DELICATE))
+    verdict[~((other2 > _SHORTEST) & (other2 < _LONGEST))] = DELICATE
+    verdict[(d == 0.0) & (g == 0.0)] = FINE
+    return verdict
 
 
 def lowest_corner(box: Array, row: Array) -> tuple[Array, Array]:

@@ -9,9 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from clfcbf.qp.batch_geometry import SMALL_ANGLE, Array, Chord, Index, excess
+from clfcbf.qp.batch_geometry import SMALL_ANGLE, Array, Chord, Index, Mask, excess, inside
 from clfcbf.qp.objective import CONDITION
 from clfcbf.qp.polygon import TRUSTED
 
@@ -35,9 +34,14 @@ class Objectives(NamedTuple):
     soft: Array | None = None
 
     @property
+    def crossed(self) -> bool:
+        """Whether the weight has a term in both inputs."""
+        return not isinstance(self.weight[1], float) or self.weight[1] != 0.0
+
+    @property
     def diagonal(self) -> bool:
-        """Whether the inputs do not meet in the cost: no common ``q12``, no soft row."""
-        return self.soft is None and isinstance(self.weight[1], float) and self.weight[1] == 0.0
+        """Whether the inputs do not meet in the cost."""
+        return self.soft is None and not self.crossed
 
     def take(self, at: Index) -> Objectives:
         """The costs of the programs ``at``."""
@@ -45,11 +49,11 @@ class Objectives(NamedTuple):
         soft = None if self.soft is None else self.soft.take(at, axis=1)
         return Objectives((q11, q12, q22), self.nominal.take(at, axis=1), self.penalty, soft)
 
-    def untrusted(self, scale: Array) -> NDArray[np.bool_]:
+    def untrusted(self, scale: Array) -> Mask:
         """Where rounding could exceed 1e-12: nominal far beyond ``scale``, ill-scaled costs."""
         q11, q12, q22 = self.weight
         trace = q11 + q22
-        far: NDArray[np.bool_] = np.abs(self.nominal[0]) + np.abs(self.nominal[1]) > TRUSTED * scale
+        far: Mask = np.abs(self.nominal[0]) + np.abs(self.nominal[1]) > TRUSTED * scale
         far |= ~np.less_equal(trace * trace, CONDITION * (q11 * q22 - q12 * q12))
         if self.soft is not None:
             size = np.abs(self.soft[0]) + np.abs(self.soft[1])
@@ -58,25 +62,41 @@ class Objectives(NamedTuple):
 
     def minimum_in(self, box: Array) -> tuple[Array, Array]:
         """The points of least cost in the boxes: the v-sides first, then the w-sides."""
-        q11, q12, q22 = self.weight
         n_v, n_w = self.nominal
+        if self.diagonal:
+            return inside(box, n_v, n_w)
+        q11, q12, q22 = self.weight
         v, w = n_v, n_w
-        c, s_v, s_w, r = self.penalty, *_zero_or(self.soft, n_v, n_w)
         if self.soft is not None:
-            g_v, g_w = q22 * s_v - q12 * s_w, q11 * s_w - q12 * s_v
-            k = c * r / (q11 * q22 - q12 * q12 + c * (s_v * g_v + s_w * g_w))
+            s_v, s_w, _ = self.soft
+            r = excess(self.soft, n_v, n_w)
+            if self.crossed:
+                g_v, g_w = q22 * s_v - q12 * s_w, q11 * s_w - q12 * s_v
+            else:
+                g_v, g_w = q22 * s_v, q11 * s_w
+            k = s_v * g_v + s_w * g_w + (q11 * q22 - q12 * q12) / self.penalty
+            np.divide(r, k, out=k)
             v, w = n_v - k * g_v, n_w - k * g_w
         x = np.minimum(np.maximum(v, box[0]), box[1])
-        if not self.diagonal:
-            y = n_w + (q12 * (n_v - x) - c * s_w * (s_v * (x - n_v) + r)) / (q22 + c * s_w * s_w)
-            w = np.where(x == v, w, y)
+        w = np.where(x == v, w, self._other(1, x))
         y = np.minimum(np.maximum(w, box[2]), box[3])
-        if not self.diagonal:
-            v = n_v + (q12 * (n_w - y) - c * s_v * (s_w * (y - n_w) + r)) / (q11 + c * s_v * s_v)
-            x = np.where(y == w, x, np.minimum(np.maximum(v, box[0]), box[1]))
+        free = self._other(0, y)
+        x = np.where(y == w, x, np.minimum(np.maximum(free, box[0]), box[1]))
         return x, y
 
-    def minimum_on(self, line: Array, ends: Chord) -> tuple[Array, NDArray[np.bool_] | None]:
+    def _other(self, axis: int, held: Array) -> Array:
+        """The coordinate ``axis`` of least cost where the other one is ``held``."""
+        away = held - self.nominal[1 - axis]
+        curvature: Entry = self.weight[2 * axis]
+        pull: Entry = self.weight[1] * away if self.crossed else 0.0
+        if self.soft is not None:
+            slope, across = self.soft[axis], self.soft[1 - axis]
+            steep = self.penalty * slope
+            pull = pull + steep * (across * away + excess(self.soft, *self.nominal))
+            curvature = curvature + steep * slope
+        return self.nominal[axis] - pull / curvature
+
+    def minimum_on(self, line: Array, ends: Chord) -> tuple[Array, Mask | None]:
         r"""The t of least cost along :math:`(x - c t,\ y + a t)`, and where it is untrusted.
 
         .. math:: t = \frac{d^\top Q(\bar u - p) - c\,(s^\top d)(s^\top p - s_b)}
@@ -85,10 +105,10 @@ class Objectives(NamedTuple):
         q11, q12, q22 = self.weight
         a, c = line[0], line[1]
         e_v, e_w = self.nominal[0] - ends.x, self.nominal[1] - ends.y
-        if self.diagonal:
-            g_v, g_w = -q11 * c, q22 * a
-        else:
+        if self.crossed:
             g_v, g_w = q12 * a - q11 * c, q22 * a - q12 * c
+        else:
+            g_v, g_w = -q11 * c, q22 * a
         upper, lower = g_v * e_v + g_w * e_w, g_w * a - g_v * c
         if self.soft is None:
             return upper / lower, None
@@ -108,11 +128,6 @@ class Objectives(NamedTuple):
         upper -= self.penalty * slope * over
         lower += self.penalty * slope * slope
         return upper / lower, untrusted
-
-
-def _zero_or(soft: Array | None, v: Array, w: Array) -> tuple[Entry, Entry, Entry]:
-    """Normal of the soft row and its excess at ``(v, w)``, zeros without one."""
-    return (0.0, 0.0, 0.0) if soft is None else (soft[0], soft[1], excess(soft, v, w))
 
 
 def _difference_of_products(a: Array, b: Array, c: Array, d: Array) -> Array:

@@ -8,11 +8,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from clfcbf.errors import ConfigurationError
 from clfcbf.qp.batch_chunks import CHUNK, Chunk, Programs
-from clfcbf.qp.batch_geometry import DELICATE, EMPTY, FINE, Array, Flags, excess
+from clfcbf.qp.batch_geometry import DELICATE, EMPTY, FINE, Array, Flags, Mask, excess
 from clfcbf.qp.batch_objective import Objectives
 from clfcbf.qp.batch_projection import least_violation, project
 from clfcbf.qp.one_shot import paper_program
@@ -34,8 +34,8 @@ class PaperBatchSolution(NamedTuple):
 
     twist: Array
     delta: Array
-    feasible: NDArray[np.bool_]
-    delicate: NDArray[np.bool_]
+    feasible: Mask
+    delicate: Mask
 
 
 def solve_batch_paper(
@@ -99,9 +99,7 @@ def solve_batch_paper(
 
 
 @np.errstate(all="ignore")  # columns whose result is not used may divide by zero
-def _solve(
-    part: Chunk, hard_rows: int, penalty: float
-) -> tuple[Array, Array, Array, NDArray[np.bool_], Flags]:
+def _solve(part: Chunk, hard_rows: int, penalty: float) -> tuple[Array, Array, Array, Mask, Flags]:
     """Without the soft row, then with it where it is not met: v, omega, delta and verdicts."""
     hard, soft = part.rows[:hard_rows], part.rows[hard_rows]
     v, w, verdict, _ = project(part.objective, part.box, hard)

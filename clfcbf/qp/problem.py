@@ -1,20 +1,21 @@
 r"""The quadratic program and its answer, in the notation that Python solvers share.
 
 .. math:: \min_z\ \tfrac12 z^\top P z + q^\top z
-          \quad\text{s.t.}\quad G z \le h,\quad lb \le z \le ub
+          \quad\text{s.t.}\quad G z \le h,\quad A z = b,\quad lb \le z \le ub
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from clfcbf.errors import ConfigurationError
 
-__all__ = ["Array", "QpSolution", "QpStatus", "QuadraticProgram", "Residuals"]
+__all__ = ["Array", "Attempt", "QpSolution", "QpStatus", "QuadraticProgram", "Residuals"]
 
 Array = NDArray[np.float64]
 
@@ -32,7 +33,7 @@ class QpStatus(Enum):
     INFEASIBLE = "infeasible"
     """No point satisfies the rows, and a certificate of that was checked here."""
     UNBOUNDED = "unbounded"
-    """The solver found the cost unbounded below."""
+    """The cost falls without end, and the direction was checked here."""
     ITERATION_LIMIT = "iteration limit"
     """The solver ran out of iterations."""
     TIME_LIMIT = "time limit"
@@ -42,7 +43,7 @@ class QpStatus(Enum):
     INVALID_INPUT = "invalid input"
     """The data holds a NaN, an infinity where none may be, or a cost that is not convex."""
     UNPROVEN = "unproven"
-    """The solver calls the program infeasible and no certificate of that was found."""
+    """The solver calls the program infeasible, and neither that nor the contrary was proved."""
 
     @property
     def found(self) -> bool:
@@ -74,14 +75,16 @@ class QuadraticProgram:
     q : shape (n,)
     G, h : rows :math:`G z \le h`, shapes (m, n) and (m,); both or neither; ``inf`` in h for none
     lb, ub : bounds, shape (n,); infinite entries, or None, for none
+    A, b : rows :math:`A z = b`, shapes (p, n) and (p,); both or neither
 
     Attributes
     ----------
-    P, q, G, h, lb, ub : float64, read-only, filled in where None was given
+    P, q, G, h, lb, ub, A, b : float64, read-only, filled in where None was given
 
     Raises
     ------
-    ConfigurationError : a shape does not fit, P is not symmetric, G without h or h without G
+    ConfigurationError : a shape does not fit, P is not symmetric, or G comes without h, A without b,
+        or the other way round
 
     Notes
     -----
@@ -94,6 +97,8 @@ class QuadraticProgram:
     h: Array
     lb: Array
     ub: Array
+    A: Array
+    b: Array
 
     def __init__(
         self,
@@ -103,13 +108,18 @@ class QuadraticProgram:
         h: ArrayLike | None = None,
         lb: ArrayLike | None = None,
         ub: ArrayLike | None = None,
+        A: ArrayLike | None = None,
+        b: ArrayLike | None = None,
     ) -> None:
         n = np.size(q)
         if n == 0:
             raise ConfigurationError("q must have at least one entry, got none")
         if (G is None) != (h is None):
             raise ConfigurationError("G and h must be given together, got only one of them")
+        if (A is None) != (b is None):
+            raise ConfigurationError("A and b must be given together, got only one of them")
         m = 0 if h is None else np.size(h)
+        p = 0 if b is None else np.size(b)
         cost = _read_only(P, (n, n), "P", 0.0)
         if np.isfinite(cost).all():
             asymmetry = float(np.abs(cost - cost.T).max())
@@ -122,6 +132,8 @@ class QuadraticProgram:
             "h": _read_only(h, (m,), "h", 0.0),
             "lb": _read_only(lb, (n,), "lb", -np.inf),
             "ub": _read_only(ub, (n,), "ub", np.inf),
+            "A": _read_only(A, (p, n), "A", 0.0),
+            "b": _read_only(b, (p,), "b", 0.0),
         }
         for name, array in fields.items():
             object.__setattr__(self, name, array)
@@ -133,8 +145,13 @@ class QuadraticProgram:
 
     @property
     def m(self) -> int:
-        """Number of rows."""
+        r"""Number of rows :math:`G z \le h`."""
         return self.h.size
+
+    @property
+    def p(self) -> int:
+        """Number of rows :math:`A z = b`."""
+        return self.b.size
 
     @property
     def well_posed(self) -> bool:
@@ -143,6 +160,8 @@ class QuadraticProgram:
             np.isfinite(self.P).all()
             and np.isfinite(self.q).all()
             and np.isfinite(self.G).all()
+            and np.isfinite(self.A).all()
+            and np.isfinite(self.b).all()
             and (self.h > -np.inf).all()
             and (self.lb < np.inf).all()
             and (self.ub > -np.inf).all()
@@ -156,9 +175,10 @@ class Residuals:
     Attributes
     ----------
     primal : largest distance to the wrong side of a row or bound, over :math:`1 + |z|_\infty`
-    dual : largest entry of :math:`Pz + q + G^\top\lambda + \mu`, and largest multiplier of the
-        wrong sign, over one plus the largest term
-    gap : :math:`|z^\top P z + q^\top z + h^\top\lambda + \ldots|` over one plus the largest term
+    dual : largest entry of :math:`Pz + q + G^\top\lambda + A^\top\nu + \mu`, or multiplier of the
+        wrong sign, over the sizes of the terms of that entry and its curvature :math:`P_{ii}`
+    gap : largest complementarity :math:`\min(\text{distance to the row}, \text{multiplier})` of a
+        row or bound, the one scaled as ``primal``, the other as ``dual``
     """
 
     primal: float
@@ -169,6 +189,25 @@ class Residuals:
     def worst(self) -> float:
         """The largest of the three."""
         return max(self.primal, self.dual, self.gap)
+
+
+class Attempt(NamedTuple):
+    """One backend's try at a program.
+
+    Attributes
+    ----------
+    backend : its name
+    status : what its answer was worth, after verification
+    seconds : how long it took [s]
+    message : what it said, or what was wrong
+    refused : whether it gave an answer that did not stand verification
+    """
+
+    backend: str
+    status: QpStatus
+    seconds: float
+    message: str = ""
+    refused: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,6 +223,8 @@ class QpSolution:
     dual_bounds : of the bounds, shape (n,), negative at a lower bound, or None
     residuals : recomputed by :func:`clfcbf.qp.verify`, or None where there is no answer
     message : what the backend said, or what was wrong
+    dual_equalities : multipliers of the rows :math:`Az = b`, of any sign, shape (p,), or None
+    attempts : every backend asked, in order; filled in by :func:`clfcbf.solve_qp`
     """
 
     x: Array | None
@@ -193,6 +234,8 @@ class QpSolution:
     dual_bounds: Array | None = None
     residuals: Residuals | None = None
     message: str = ""
+    dual_equalities: Array | None = None
+    attempts: tuple[Attempt, ...] = ()
 
     @property
     def found(self) -> bool:

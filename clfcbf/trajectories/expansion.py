@@ -16,14 +16,19 @@ __all__ = [
     "CUSP_TOLERANCE",
     "REST_TOLERANCE",
     "STANDSTILL",
+    "VANISHING",
     "BoundaryState",
     "Expansion",
     "extent",
+    "settled",
     "taylor",
 ]
 
 REST_TOLERANCE = 1e-5
-"""Of the whole motion's extent; an end whose speed would take it less far is at rest."""
+"""A boundary speed that moves less than this share of the motion's extent is rest (um/s)."""
+
+VANISHING = 1e-12
+"""A derived coefficient that moves less than this share of the extent is rounding."""
 
 STANDSTILL = 1e-9
 """A motion of less extent [m] is none: a nanometre, and no square underflows above it."""
@@ -101,6 +106,17 @@ def extent(start: BoundaryState, end: BoundaryState, T: float) -> float:
     )
 
 
+def settled(state: BoundaryState, T: float, scale: float) -> BoundaryState:
+    """``state`` with a negligible speed, and then a negligible acceleration, set to 0.
+
+    A speed of a few micrometres a second says nothing of a heading.
+    """
+    if T * math.hypot(*state.velocity) > REST_TOLERANCE * scale:
+        return state
+    resting = T * T * math.hypot(*state.acceleration) <= REST_TOLERANCE * scale
+    return BoundaryState(state.position, acceleration=(0.0, 0.0) if resting else state.acceleration)
+
+
 def _axis(near: BoundaryState, far: BoundaryState, axis: int, T: float) -> _Coefficients:
     d = far.position[axis] - near.position[axis]
     v0, v1 = near.velocity[axis] * T, far.velocity[axis] * T
@@ -135,19 +151,16 @@ class Expansion(NamedTuple):
     def about(cls, x: _Coefficients, y: _Coefficients, half: float, extent: float) -> Expansion:
         """Divide out the zeros of the velocity at local time 0.
 
-        Leading coefficients that move less than ``REST_TOLERANCE`` of the ``extent`` [m] count
-        as zeros: a speed of a few micrometres a second says nothing of a heading.
-
         Raises
         ------
-        GeometryError : the velocity vanishes everywhere
+        GeometryError : the velocity vanishes everywhere, to rounding against the ``extent`` [m]
         """
         T = 2.0 * abs(half)
         dx = tuple(k * c for k, c in enumerate(x))[1:]
         dy = tuple(k * c for k, c in enumerate(y))[1:]
         if extent > STANDSTILL:
             for order, (a, b) in enumerate(zip(dx, dy, strict=True)):
-                if math.hypot(a, b) * T ** (order + 1) > REST_TOLERANCE * extent:
+                if math.hypot(a, b) * T ** (order + 1) > VANISHING * extent:
                     return cls((x, y), order, (dx[order:], dy[order:]), half)
         raise GeometryError("all derivatives of the trajectory vanish: it has no heading")
 
@@ -180,15 +193,17 @@ class Expansion(NamedTuple):
 
     def cusp(self) -> float | None:
         """Local time within the half duration at which w vanishes, or None."""
-        x, y = (np.polynomial.Polynomial(c) for c in self.deflated)
+        powers = self.half ** np.arange(len(self.deflated[0]))
+        x, y = (np.polynomial.Polynomial(c * powers) for c in self.deflated)
         squared = x * x + y * y
+        # A leading coefficient that is rounding would send a root to infinity.
+        squared = squared.trim(VANISHING * float(np.max(np.abs(squared.coef))))
         critical = squared.deriv().roots()
-        real = critical.real[np.abs(critical.imag) <= CUSP_TOLERANCE * abs(self.half)]
-        inside = real[(real * self.half > 0.0) & (np.abs(real) <= abs(self.half))]
-        times = np.concatenate((inside, (0.0, self.half)))
+        real = critical.real[np.abs(critical.imag) <= CUSP_TOLERANCE]
+        times = np.concatenate((real[(real > 0.0) & (real <= 1.0)], (0.0, 1.0)))
         sizes = np.sqrt(np.maximum(squared(times), 0.0))
         k = int(np.argmin(sizes))
-        return float(times[k]) if sizes[k] <= CUSP_TOLERANCE * sizes.max() else None
+        return float(times[k]) * self.half if sizes[k] <= CUSP_TOLERANCE * sizes.max() else None
 
     def magnitudes(self, samples: int) -> tuple[float, float, float, float]:
         """Largest absolute v, omega and their rates over the half duration.

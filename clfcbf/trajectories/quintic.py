@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from clfcbf.errors import GeometryError
 from clfcbf.limits import Limits
 from clfcbf.se2 import Pose2, Twist, wrap_angle
-from clfcbf.trajectories.expansion import BoundaryState, Expansion, extent, taylor
+from clfcbf.trajectories.expansion import BoundaryState, Expansion, extent, settled, taylor
 from clfcbf.trajectories.path import Peaks, check_gear
 
 __all__ = ["HEADING_TOLERANCE", "PEAK_SAMPLES", "BoundaryState", "Quintic", "minimum_duration"]
@@ -43,7 +43,8 @@ class Quintic:
 
     Attributes
     ----------
-    start, end : boundary states, in one frame
+    start, end : boundary states, in one frame; a negligible speed, and then a negligible
+        acceleration, is set to 0
     duration : :math:`t_p` [s]
     gear : +1 faces the direction of travel, -1 faces away from it (v is negative)
 
@@ -59,8 +60,8 @@ class Quintic:
     Nothing here knows of limits or of the camera: ask :meth:`peaks`. From rest with zero
     acceleration to rest with zero acceleration the quintic is the straight line
     :math:`p_0 + (p_f - p_0)(10\tau^3 - 15\tau^4 + 6\tau^5)` whatever headings were wanted.
-    A boundary speed that is small but not 0 fixes the heading there and may turn sharply just
-    after; below ``REST_TOLERANCE`` of the motion's extent it counts as rest.
+    A boundary speed that is small but not negligible fixes the heading there, and the path may
+    turn sharply just after.
     """
 
     start: BoundaryState
@@ -74,8 +75,8 @@ class Quintic:
         T = self.duration
         if not (math.isfinite(T) and T > 0.0):
             raise GeometryError(f"duration must be finite and positive [s], got {T!r}")
-        p, q = self.start, self.end
-        scale = extent(p, q, T)
+        scale = extent(self.start, self.end, T)
+        p, q = settled(self.start, T, scale), settled(self.end, T, scale)
         ends = (
             Expansion.about(*taylor(p, q, T), half=0.5 * T, extent=scale),
             Expansion.about(*taylor(q, p, -T), half=-0.5 * T, extent=scale),
@@ -87,7 +88,8 @@ class Quintic:
                     f"the speed vanishes and the direction of travel flips at "
                     f"t = {origin + cusp:.3f} s of {T:.3f} s: plan one leg to each side of it"
                 )
-        object.__setattr__(self, "_ends", ends)
+        for name, value in (("start", p), ("end", q), ("_ends", ends)):
+            object.__setattr__(self, name, value)
 
     @classmethod
     def between(

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from clfcbf.estimation import body_after, coast
-from clfcbf.guard import Brake, Guard, Verdict
+from clfcbf.guard import Guard, Verdict
 from clfcbf.scene import Scene
 from clfcbf.se2 import Pose2, Twist
 from clfcbf.trajectories.following import FollowingGains, at_rest, follow
@@ -74,8 +74,8 @@ def roll_out(
     patience : longest time simulated [s]
     """
     limits, period = guard.limits, guard.period
-    pose, body, command, brake = start, applied, applied, Brake(applied, 0)
-    brake = Brake(applied, limits.brake_ticks(applied, period))
+    pose, body, command = start, applied, applied
+    brake = guard.brake_from(applied)
     index, s, time, guarded, arrived = 0, 0.0, 0.0, 0, False
     clearance = float("inf")
     times, poses, twists = [0.0], [start], [applied]
