@@ -12,6 +12,7 @@ from __future__ import annotations
 import functools
 import importlib
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from typing import Any
@@ -40,7 +41,11 @@ _Maker = Callable[..., Any]
 @functools.cache
 def _cbfpy_classes() -> tuple[_Maker, Any]:
     """A configuration for ours and a CLFCBF with the moving box; imports cbfpy and JAX."""
-    cbfpy = importlib.import_module("cbfpy")
+    with warnings.catch_warnings():
+        warnings.simplefilter(
+            "ignore"
+        )  # it advises on environment variables; the command sets them
+        cbfpy = importlib.import_module("cbfpy")
     jax = importlib.import_module("jax")
     jnp = importlib.import_module("jax.numpy")
 
@@ -139,9 +144,7 @@ def _job(tick: Tick) -> tuple[Any, Any, Any]:
     return z, np.zeros(5), inputs
 
 
-def cbfpy_routes(
-    stream: Stream, exact: Sequence[tuple[float, float]]
-) -> list[Contestant]:
+def cbfpy_routes(stream: Stream, exact: Sequence[tuple[float, float]]) -> list[Contestant]:
     """cbfpy in double precision with elastiqp, and as it comes: qpax, float32, tolerance 1e-3.
 
     Both from state to command, without prediction, guard or verification.

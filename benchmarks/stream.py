@@ -117,14 +117,10 @@ def program_of(decision: Decision) -> Program:
         (hard if block.priority < Priority.STABILITY else soft).extend(block.coefficients)
     (row,) = soft
     v_lo, v_hi, w_lo, w_hi = decision.box
-    return Program(
-        decision.weight, decision.nominal, (v_lo, v_hi, w_lo, w_hi), tuple(hard), row
-    )
+    return Program(decision.weight, decision.nominal, (v_lo, v_hi, w_lo, w_hi), tuple(hard), row)
 
 
-def plan_beside(
-    start: Pose2, end: Pose2, limits: Limits, rng: np.random.Generator
-) -> Quintic:
+def plan_beside(start: Pose2, end: Pose2, limits: Limits, rng: np.random.Generator) -> Quintic:
     """A quintic to ``end`` from a pose near ``start``, within the limits if a stretch does it."""
     offset = Pose2(*(float(rng.uniform(-largest, largest)) for largest in PUSH))
     beside = start.compose(offset)
@@ -216,9 +212,7 @@ def stress_programs(
 def _badly_scaled(program: Program, rng: np.random.Generator) -> Program:
     """Rows and weight over eight decades, the Lyapunov row over four."""
     factors = (10.0 ** rng.uniform(-4.0, 4.0, len(program.hard))).tolist()
-    hard = tuple(
-        (k * a, k * c, k * b) for k, (a, c, b) in zip(factors, program.hard, strict=True)
-    )
+    hard = tuple((k * a, k * c, k * b) for k, (a, c, b) in zip(factors, program.hard, strict=True))
     k = 10.0 ** float(rng.uniform(-2.0, 2.0))
     a, c, b = program.soft
     q11, q12, q22 = program.weight

@@ -166,7 +166,7 @@ def test_a_harmless_command_goes_through_untouched():
     assert decision.certified
     assert decision.margins["fov.left"] > 0.0
     assert set(decision.margins) == {"fov.left", "fov.right"} == set(decision.values)
-    assert decision.clearance == pytest.approx(math.radians(33.0))
+    assert decision.clearance == pytest.approx(math.radians(32.0))
 
 
 def drive(safe, commands, scene, lag=0.0, noise=None):

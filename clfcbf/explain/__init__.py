@@ -25,8 +25,7 @@ True
 from clfcbf.explain.analysis import explain
 from clfcbf.explain.conflict import Conflict, HalfPlane, smallest_conflict
 from clfcbf.explain.explanation import Explanation, LimitReport, RowReport
-from clfcbf.explain.reading import decision_from_json, decisions_in
-from clfcbf.explain.writing import decision_to_json
+from clfcbf.explain.serial import decision_from_json, decision_to_json, decisions_in
 
 __all__ = [
     "Conflict",

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clfcbf.qp.batch_chunks import CHUNK, Chunk, Programs
-from clfcbf.qp.batch_geometry import DELICATE, EMPTY, FINE, Array, Flags, Mask, excess
+from clfcbf.qp.batch_geometry import DELICATE, EMPTY, Array, Flags, Index, Mask, excess
 from clfcbf.qp.batch_projection import least_violation, project, unit_rows
 from clfcbf.qp.lexicographic import solve_lexicographic
 
-__all__ = ["CHUNK", "BatchSolution", "BatchStatus", "solve_batch"]
+__all__ = ["CHUNK", "BatchSolution", "BatchStatus", "ChunkSolution", "solve_batch", "solve_chunk"]
 
 
 class BatchStatus(IntEnum):
@@ -92,7 +92,7 @@ def solve_batch(
     a row along it that cannot hold, the program takes the exact path: 20 microseconds.
     """
     programs = Programs.read(weight, nominal, box, hard, soft)
-    count, hard_rows, rows = programs.sizes
+    count, _, rows = programs.sizes
     answer = BatchSolution(
         np.empty((count, 2)),
         np.zeros((count, 2)),
@@ -101,58 +101,71 @@ def solve_batch(
         np.zeros(count, dtype=np.bool_),
     )
     for part in programs.chunks(chunk):
-        here = part.place
-        blank = part.clear_blank_rows()
-        if blank is not None:
-            answer.violated[here] = blank.T
-        v, w, slacks, verdict = _solve(part, hard_rows)
-        verdict[part.invalid] = FINE
-        answer.twist[here, 0], answer.twist[here, 1] = v, w
-        if slacks is not None:
-            answer.slacks[here] = slacks.T
-            answer.status[here] = (slacks > 0.0).any(axis=0)
-        if blank is not None:
-            answer.status[here] |= blank.any(axis=0)
-        if part.invalid.any():
-            answer.twist[here][part.invalid] = np.nan
-            answer.slacks[here][part.invalid] = np.nan
-            answer.status[here][part.invalid] = BatchStatus.INVALID
-        for at in here.start + np.flatnonzero(verdict == DELICATE):
-            one = programs.one(int(at))
-            exact = solve_lexicographic(one.weight, one.nominal, one.box, (one.hard, one.soft))
-            assert exact is not None  # its data is finite and its box is not reversed
-            answer.twist[at] = exact.v, exact.omega
-            answer.slacks[at] = exact.slacks
-            answer.status[at] = BatchStatus.RELAXED if exact.relaxed else BatchStatus.SOLVED
-            answer.delicate[at] = True
+        here, solved = part.place, solve_chunk(part)
+        answer.twist[here, 0], answer.twist[here, 1] = solved.v, solved.w
+        answer.slacks[here], answer.status[here] = solved.slacks.T, solved.status
+        answer.delicate[here][solved.delicate] = True
+        if solved.violated is not None:
+            answer.violated[here] = solved.violated.T
     return answer
 
 
+class ChunkSolution(NamedTuple):
+    """Answers of :func:`solve_chunk`, a column each, as :class:`BatchSolution` has them.
+
+    ``delicate`` are indices; ``violated`` is None where no row is.
+    """
+
+    v: Array
+    w: Array
+    slacks: Array
+    status: Flags
+    violated: Mask | None
+    delicate: Index
+
+
+def solve_chunk(part: Chunk) -> ChunkSolution:
+    """Solve the programs of a chunk; its rows ``(0, 0, b)`` are overwritten."""
+    violated = part.clear_blank_rows()
+    v, w, slacks, verdict = _solve(part)
+    relaxed = (slacks[0] > 0.0) | (slacks[1] > 0.0)
+    delicate = np.flatnonzero((verdict == DELICATE) & ~part.invalid)
+    for at in delicate.tolist():
+        exact = solve_lexicographic(*part.one(at))
+        assert exact is not None  # its data is finite and its box is not reversed
+        v[at], w[at], slacks[:, at] = exact.v, exact.omega, exact.slacks
+        relaxed[at] = exact.relaxed
+    if violated is not None:
+        relaxed |= violated.any(axis=0)
+    status = np.where(relaxed, np.uint8(BatchStatus.RELAXED), np.uint8(BatchStatus.SOLVED))
+    if part.invalid.any():
+        v[part.invalid] = w[part.invalid] = slacks[:, part.invalid] = np.nan
+        status[part.invalid] = BatchStatus.INVALID
+    return ChunkSolution(v, w, slacks, status, violated, delicate)
+
+
 @np.errstate(all="ignore")  # columns whose result is not used may divide by zero
-def _solve(part: Chunk, hard_rows: int) -> tuple[Array, Array, Array | None, Flags]:
-    """v, omega, slacks of shape (2, n) or None where all rows hold, verdict."""
+def _solve(part: Chunk) -> tuple[Array, Array, Array, Flags]:
+    """v, omega, slacks of shape (2, n), verdict."""
     v, w, verdict, failed = project(part.objective, part.box, part.rows)
-    empty = verdict == EMPTY
-    if not empty.any():
-        return v, w, None, verdict
     slacks = np.zeros((2, v.size))
-    hard_failed = failed < hard_rows
-    at = np.flatnonzero(empty & ~hard_failed)
-    if at.size:
-        rows = part.rows.take(at, axis=2)
-        v[at], w[at], slacks[1, at], verdict[at] = least_violation(
-            part.box.take(at, axis=1), rows[hard_rows:], rows[:hard_rows]
+    if not (empty := verdict == EMPTY).any():
+        return v, w, slacks, verdict
+    hard_failed = failed < part.hard
+    if (at := np.flatnonzero(empty & ~hard_failed)).size:
+        box, rows = part.box.take(at, axis=1), part.rows.take(at, axis=2)
+        v[at], w[at], slacks[1, at], some = least_violation(
+            box, rows[part.hard :], rows[: part.hard]
         )
-    at = np.flatnonzero(empty & hard_failed)
-    if at.size:
-        rows = part.rows.take(at, axis=2)
-        v[at], w[at], slacks[0, at], verdict[at] = least_violation(
-            part.box.take(at, axis=1), rows[:hard_rows], rows[:0]
-        )
-        if rows.shape[0] > hard_rows:
+        verdict[at] = some
+    if (at := np.flatnonzero(empty & hard_failed)).size:
+        box, rows = part.box.take(at, axis=1), part.rows.take(at, axis=2)
+        x, y, slacks[0, at], some = least_violation(box, rows[: part.hard], rows[:0])
+        if rows.shape[0] > part.hard:
             # The hard rows leave one point, so the soft slack is what they lack there.
-            units, extreme = unit_rows(rows[hard_rows:])
-            over = np.stack([excess(row, v[at], w[at]) for row in units])
+            units, extreme = unit_rows(rows[part.hard :])
+            over = np.stack([excess(row, x, y) for row in units])
             slacks[1, at] = np.maximum(over.max(axis=0), 0.0)
-            verdict[at] = np.maximum(verdict[at], extreme)
+            some = np.maximum(some, extreme)
+        v[at], w[at], verdict[at] = x, y, some
     return v, w, slacks, verdict

@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from clfcbf.errors import ConfigurationError
-from clfcbf.qp.batch_geometry import Array, Mask
+from clfcbf.qp.batch_geometry import Array, Mask, excess
 from clfcbf.qp.batch_objective import Entry, Objectives
 from clfcbf.qp.lexicographic import Box, Row, Weight, check_weight
 
-__all__ = ["CHUNK", "Chunk", "One", "Programs", "slices"]
+__all__ = ["CHUNK", "Chunk", "One", "Programs", "invalid_columns", "slices"]
 
-CHUNK = 16384
-"""Programs worked on at a time: 3 MB of columns, in the cache; half of it costs a fifth more."""
+CHUNK = 32768
+"""Programs worked on at a time: measured; a quarter costs 1.4 times as much, in calls to NumPy,
+four times as many leave the cache. 3 MB of columns."""
 
 
 class One(NamedTuple):
@@ -26,21 +27,27 @@ class One(NamedTuple):
     weight: Weight
     nominal: tuple[float, float]
     box: Box
-    hard: list[Row]
-    soft: list[Row]
+    levels: tuple[list[Row], list[Row]]
 
 
 class Chunk(NamedTuple):
-    """Programs side by side, a column each: box (4, n), rows (r, 3, n), hard ones first.
+    """Programs side by side, a column each: box (4, n), rows (r, 3, n), the hard ones first.
 
-    ``place`` says where in the batch they are, ``invalid`` which of them have no answer.
+    ``place`` says where in the batch they are, ``hard`` how many rows are hard, ``invalid``
+    which columns have no answer.
     """
 
     place: slice
     objective: Objectives
     box: Array
     rows: Array
+    hard: int
     invalid: Mask
+
+    @classmethod
+    def of(cls, place: slice, objective: Objectives, box: Array, rows: Array, hard: int) -> Chunk:
+        """Look for columns without an answer: see :func:`invalid_columns`."""
+        return cls(place, objective, box, rows, hard, invalid_columns(objective, box, rows))
 
     def clear_blank_rows(self, count: int | None = None) -> Mask | None:
         """Make rows ``(0, 0, b)`` hold, the first ``count``; those that did not, or None."""
@@ -51,6 +58,15 @@ class Chunk(NamedTuple):
         blank &= rows[:, 2] < 0.0
         rows[:, 2][blank] = 0.0
         return blank
+
+    def one(self, at: int) -> One:
+        """The program of a column in plain floats."""
+        q11, q12, q22 = (q if isinstance(q, float) else float(q[at]) for q in self.objective.weight)
+        n_v, n_w = self.objective.nominal[:, at].tolist()
+        v_lo, v_hi, w_lo, w_hi = self.box[:, at].tolist()
+        rows = [(a, c, b) for a, c, b in self.rows[:, :, at].tolist()]
+        levels = rows[: self.hard], rows[self.hard :]
+        return One((q11, q12, q22), (n_v, n_w), (v_lo, v_hi, w_lo, w_hi), levels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,16 +112,6 @@ class Programs:
         hard, soft = self.hard.shape[1], self.soft.shape[1]
         return self.nominal.shape[0], hard, hard + soft
 
-    def one(self, at: int) -> One:
-        """The program ``at`` in plain floats."""
-        q11, q12, q22 = (self.weight if self.weight.ndim == 1 else self.weight[at]).tolist()
-        n_v, n_w = self.nominal[at].tolist()
-        v_lo, v_hi, w_lo, w_hi = self.box[at].tolist()
-        hard, soft = (
-            [(a, c, b) for a, c, b in rows[at].tolist()] for rows in (self.hard, self.soft)
-        )
-        return One((q11, q12, q22), (n_v, n_w), (v_lo, v_hi, w_lo, w_hi), hard, soft)
-
     def chunks(self, size: int) -> Iterator[Chunk]:
         """The programs in chunks of ``size``."""
         count, hard, rows = self.sizes
@@ -118,7 +124,7 @@ class Programs:
             block[:hard] = self.hard[place].transpose(1, 2, 0)
             block[hard:] = self.soft[place].transpose(1, 2, 0)
             objective = Objectives(self._weight(place), data[:2])
-            yield Chunk(place, objective, data[2:6], block, _invalid(data, block))
+            yield Chunk.of(place, objective, data[2:6], block, hard)
 
     def _weight(self, place: slice) -> tuple[Entry, Entry, Entry]:
         if self.weight.ndim == 1:
@@ -142,15 +148,17 @@ def slices(count: int, size: int) -> Iterator[slice]:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def _invalid(data: Array, rows: Array) -> Mask:
+def invalid_columns(objective: Objectives, box: Array, rows: Array) -> Mask:
     """Where a number is not finite, a residual overflows, or the box is reversed."""
-    n_v, n_w, v_lo, v_hi, w_lo, w_hi = data[:6]
-    total = np.add.reduce(data[:6], axis=0)
-    for a, c, b in rows:
-        total += a * n_v + c * n_w - b
+    n_v, n_w = objective.nominal
+    total = n_v + n_w
+    for side in box:
+        total += side
+    for row in rows:
+        total += excess(row, n_v, n_w)
     # Only a sum that is not finite differs from 0 when taken from itself.
     total -= total
-    invalid: Mask = (total != 0.0) | (v_lo > v_hi) | (w_lo > w_hi)
+    invalid: Mask = (total != 0.0) | (box[0] > box[1]) | (box[2] > box[3])
     return invalid
 
 

@@ -94,7 +94,8 @@ class Objectives(NamedTuple):
             steep = self.penalty * slope
             pull = pull + steep * (across * away + excess(self.soft, *self.nominal))
             curvature = curvature + steep * slope
-        return self.nominal[axis] - pull / curvature
+        free: Array = self.nominal[axis] - pull / curvature
+        return free
 
     def minimum_on(self, line: Array, ends: Chord) -> tuple[Array, Mask | None]:
         r"""The t of least cost along :math:`(x - c t,\ y + a t)`, and where it is untrusted.

@@ -70,7 +70,7 @@ def solve_batch_paper(
         raise ConfigurationError(f"penalty must be finite and positive, got {penalty!r}")
     row = np.asarray(soft, dtype=np.float64)[..., None, :]
     programs = Programs.read(weight, reference, box, hard, row)
-    count, hard_rows, _ = programs.sizes
+    count = programs.sizes[0]
     answer = PaperBatchSolution(
         np.empty((count, 2)),
         np.empty(count),
@@ -79,29 +79,25 @@ def solve_batch_paper(
     )
     for part in programs.chunks(chunk):
         here = part.place
-        blank = part.clear_blank_rows(hard_rows)
-        v, w, delta, feasible, verdict = _solve(part, hard_rows, penalty)
+        blank = part.clear_blank_rows(part.hard)
+        v, w, delta, feasible, verdict = _solve(part, penalty)
+        verdict[part.invalid] = DELICATE  # NaN, or a number that overflows floats only
+        for at in np.flatnonzero(verdict == DELICATE).tolist():
+            weight, nominal, box, (hard, (soft_row,)) = part.one(at)
+            exact = paper_program(weight, nominal, box, hard, soft_row, float(penalty))
+            v[at], w[at], delta[at], feasible[at] = exact
+            answer.delicate[here][at] = True
         if blank is not None:
             feasible &= ~blank.any(axis=0)
-        verdict[part.invalid] = DELICATE  # NaN, or a number that overflows floats only
         answer.twist[here, 0], answer.twist[here, 1] = v, w
-        answer.delta[here] = delta
-        answer.feasible[here] = feasible
-        for at in here.start + np.flatnonzero(verdict == DELICATE):
-            one = programs.one(int(at))
-            exact = paper_program(
-                one.weight, one.nominal, one.box, one.hard, one.soft[0], float(penalty)
-            )
-            answer.twist[at] = exact.v, exact.omega
-            answer.delta[at], answer.feasible[at] = exact.delta, exact.feasible
-            answer.delicate[at] = True
+        answer.delta[here], answer.feasible[here] = delta, feasible
     return answer
 
 
 @np.errstate(all="ignore")  # columns whose result is not used may divide by zero
-def _solve(part: Chunk, hard_rows: int, penalty: float) -> tuple[Array, Array, Array, Mask, Flags]:
+def _solve(part: Chunk, penalty: float) -> tuple[Array, Array, Array, Mask, Flags]:
     """Without the soft row, then with it where it is not met: v, omega, delta and verdicts."""
-    hard, soft = part.rows[:hard_rows], part.rows[hard_rows]
+    hard, soft = part.rows[: part.hard], part.rows[part.hard]
     v, w, verdict, _ = project(part.objective, part.box, hard)
     feasible = verdict != EMPTY
     at = np.flatnonzero(~feasible)

@@ -5,7 +5,7 @@ r"""The safe command nearest to the nominal one, exactly: two inputs, levels of 
 
 with :math:`u = (v, \omega)` and the slack of every level as small as the more important levels
 allow, :math:`s_\ell = \min_u \max_{i\in\ell} (a_i^\top u - b_i)^+/|a_i|` (lexicographic
-optimisation, [KerriganMaciejowski2000]_). Rows enter with unit length and a level has one slack,
+optimisation, [Kerrigan2002]_). Rows enter with unit length and a level has one slack,
 so scaling, reordering, repeating or adding inactive rows changes nothing but the last bits.
 
 Plain floats on the way that every tick takes. Where they could not be trusted to 1e-12 (nearly
@@ -54,6 +54,7 @@ class BackendHealth(NamedTuple):
     status : what it claimed
     distance : largest difference to the exact command; infinite without an answer
     note : why its answer was not taken, or what the backend said
+    refused : whether it gave an answer, and a wrong one
     """
 
     backend: str
@@ -61,6 +62,7 @@ class BackendHealth(NamedTuple):
     status: str
     distance: float
     note: str
+    refused: bool = False
 
 
 class LexicographicSolution(NamedTuple):

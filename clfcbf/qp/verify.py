@@ -40,12 +40,14 @@ class Duals(NamedTuple):
     equalities: Array | None = None
 
     def fits(self, problem: QuadraticProgram) -> bool:
-        """Whether all are there, of the right shape and finite."""
-        shapes = ((problem.m,), (problem.n,), (problem.p,))
-        return all(
-            dual is not None and np.shape(dual) == shape and bool(np.isfinite(dual).all())
-            for dual, shape in zip(self, shapes, strict=True)
-        )
+        """Whether all are there, of the right shape and finite; of no rows None will do."""
+        for dual, size in zip(self, (problem.m, problem.n, problem.p), strict=True):
+            if dual is None:
+                if size:
+                    return False
+            elif np.shape(dual) != (size,) or not np.isfinite(dual).all():
+                return False
+        return True
 
 
 def verify(problem: QuadraticProgram, x: Array, duals: Duals | None = None) -> Residuals:
@@ -72,16 +74,13 @@ def verify(problem: QuadraticProgram, x: Array, duals: Duals | None = None) -> R
             duals = multipliers_at(problem, point)
         if not duals.fits(problem):
             return Residuals(primal, np.inf, np.inf)
-        rows, bounds, equalities = duals
-        assert rows is not None
-        assert bounds is not None
-        assert equalities is not None
+        rows, bounds, equalities = (np.zeros(0) if dual is None else dual for dual in duals)
         return Residuals(primal, *_optimality(problem, point, rows, bounds, equalities))
 
 
 def _lengths(rows: Array) -> Array:
     """Of the rows; 1 for a zero row, which has no distance, so that its whole violation counts."""
-    lengths: Array = np.sqrt((rows * rows).sum(axis=1))
+    lengths: Array = np.hypot.reduce(np.abs(rows), axis=1, initial=0.0)
     return np.where(lengths > 0.0, lengths, 1.0)
 
 

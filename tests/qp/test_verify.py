@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from clfcbf.errors import ConfigurationError
 from clfcbf.qp import QuadraticProgram
 from clfcbf.qp.nnls import nonnegative_least_squares
-from clfcbf.qp.verify import is_convex, multipliers_at, proves_infeasible, verify
+from clfcbf.qp.certificates import proves_infeasible
+from clfcbf.qp.verify import Duals, is_convex, multipliers_at, verify
 
 seeds = st.integers(0, 10**6)
 
@@ -35,19 +36,19 @@ def random_program(rng, n, m):
 def test_residuals_vanish_only_at_the_optimum(seed, n, m):
     rng = np.random.default_rng(seed)
     problem, x, dual, bounds = random_program(rng, n, m)
-    assert verify(problem, x, (dual, bounds)).worst <= 1e-10
+    assert verify(problem, x, Duals(dual, bounds)).worst <= 1e-10
     assert verify(problem, x).worst <= 1e-10  # multipliers reconstructed
     step = rng.normal(size=n)
     moved = x + 1e-3 * step / np.abs(step).max()
     assert verify(problem, moved).worst >= 1e-8
-    assert verify(problem, moved, (dual, bounds)).worst >= 1e-8
+    assert verify(problem, moved, Duals(dual, bounds)).worst >= 1e-8
 
 
 @settings(max_examples=100, deadline=None)
 @given(seeds, st.integers(1, 6), st.integers(0, 12))
 def test_reconstructed_multipliers_are_stationary(seed, n, m):
     problem, x, *_ = random_program(np.random.default_rng(seed), n, m)
-    rows, bounds = multipliers_at(problem, x)
+    rows, bounds, _ = multipliers_at(problem, x)
     left = problem.P @ x + problem.q + problem.G.T @ rows + bounds
     assert np.abs(left).max() <= 1e-9 * (1 + np.abs(problem.q).max())
     assert (rows >= 0).all()
@@ -115,23 +116,23 @@ def test_primal_residual_is_a_distance():
 
 def test_not_finite_answers_and_multipliers_are_refused():
     problem = QuadraticProgram(np.eye(2), np.zeros(2), [[1, 0]], [1])
-    good, none = np.zeros(2), (np.zeros(1), np.zeros(2))
+    good, none = np.zeros(2), Duals(np.zeros(1), np.zeros(2))
     assert verify(problem, good, none).worst == 0.0
     assert verify(problem, np.array([np.nan, 0]), none).primal == np.inf
     assert verify(problem, np.zeros(3), none).primal == np.inf
-    assert verify(problem, good, (np.array([np.nan]), np.zeros(2))).worst == np.inf
-    assert verify(problem, good, (np.zeros(2), np.zeros(2))).worst == np.inf
+    assert verify(problem, good, Duals(np.array([np.nan]), np.zeros(2))).worst == np.inf
+    assert verify(problem, good, Duals(np.zeros(2), np.zeros(2))).worst == np.inf
 
 
 def test_multipliers_of_the_wrong_sign_are_refused():
     problem = QuadraticProgram(np.eye(2), [1.0, 0.0], [[1, 0]], [0])
     # Stationary and complementary, but the row pulls instead of pushing.
-    assert verify(problem, np.zeros(2), (np.array([-1.0]), np.zeros(2))).dual >= 0.4
+    assert verify(problem, np.zeros(2), Duals(np.array([-1.0]), np.zeros(2))).dual >= 0.4
     # A multiplier on a bound that does not exist.
     problem = QuadraticProgram(np.eye(2), [1.0, 0.0], lb=[-9, -9])
-    assert verify(problem, np.zeros(2), (np.zeros(0), np.array([-1.0, 0.0]))).worst >= 0.4
+    assert verify(problem, np.zeros(2), Duals(np.zeros(0), np.array([-1.0, 0.0]))).worst >= 0.4
     problem = QuadraticProgram(np.eye(2), [-1.0, 0.0], lb=[-9, -9])
-    assert verify(problem, np.zeros(2), (np.zeros(0), np.array([1.0, 0.0]))).dual >= 0.4
+    assert verify(problem, np.zeros(2), Duals(np.zeros(0), np.array([1.0, 0.0]))).dual >= 0.4
 
 
 def test_convexity():

@@ -29,6 +29,10 @@ class Capability:
     multipliers : whether it returns usable multipliers; they are reconstructed otherwise
     package : distribution that must be installed, or None
     licence : SPDX identifier of that package
+    extra : of this library that brings it, or None where it always comes along
+    equalities : whether rows :math:`Az = b` are allowed
+    warm_start : whether it can start from its last answer
+    time_limit : whether it can be given a time limit
     """
 
     max_variables: int | None = None
@@ -36,11 +40,36 @@ class Capability:
     multipliers: bool = True
     package: str | None = None
     licence: str = "Apache-2.0"
+    extra: str | None = None
+    equalities: bool = True
+    warm_start: bool = False
+    time_limit: bool = False
+
+    def check(self, name: str, problem: QuadraticProgram, time_limit: float | None = None) -> None:
+        """Raise BackendError where ``problem`` is of a kind that this cannot take.
+
+        That P is positive definite where it must be is not checked here.
+        """
+        if self.max_variables is not None and problem.n > self.max_variables:
+            raise BackendError(
+                f"{name!r} takes at most {self.max_variables} variables, got {problem.n}; "
+                "use 'daqp'"
+            )
+        if problem.p and not self.equalities:
+            raise BackendError(
+                f"{name!r} takes no equality rows, got {problem.p}; use 'daqp' or 'clarabel'"
+            )
+        if time_limit is not None and not self.time_limit:
+            raise BackendError(f"{name!r} cannot be given a time limit; use 'clarabel' or 'osqp'")
 
 
 @runtime_checkable
 class Backend(Protocol):
-    """A solver of quadratic programs, free of state between calls."""
+    """A solver of quadratic programs.
+
+    It may keep a workspace between calls; what a call answers must not depend on calls that
+    failed, nor, but for rounding, on those that did not.
+    """
 
     @property
     def name(self) -> str:
@@ -50,8 +79,11 @@ class Backend(Protocol):
     def capability(self) -> Capability:
         """What it can take."""
 
-    def solve(self, problem: QuadraticProgram) -> QpSolution:
-        """Solve a well-posed program; the answer is the solver's claim, not yet verified."""
+    def solve(self, problem: QuadraticProgram, time_limit: float | None = None) -> QpSolution:
+        """Solve a well-posed program; the answer is the solver's claim, not yet verified.
+
+        ``time_limit`` [s] is given only to a backend whose capability says that it keeps one.
+        """
 
 
 class BackendModule(Protocol):
@@ -61,39 +93,44 @@ class BackendModule(Protocol):
         """Names it could make if everything were installed; no import of a solver."""
 
     def installed(self) -> tuple[str, ...]:
-        """Those of them that are installed; no import of a solver."""
+        """Those of them that are installed and agree with 'exact'; no import of a solver."""
 
     def create(self, name: str) -> Backend:
         """Make one; raises MissingExtraError if its package is not installed."""
 
 
 @functools.cache
-def _modules() -> tuple[BackendModule, ...]:
+def _modules() -> tuple[tuple[str, BackendModule], ...]:
     found = (module.name for module in pkgutil.iter_modules(__path__))
     # "exact" first, for it is the default; then by name.
     ordered = sorted((n for n in found if not n.startswith("_")), key=lambda n: (n != "exact", n))
     return tuple(
-        cast(BackendModule, importlib.import_module(f"{__name__}.{name}")) for name in ordered
+        (name, cast(BackendModule, importlib.import_module(f"{__name__}.{name}")))
+        for name in ordered
     )
 
 
 def available_backends() -> tuple[str, ...]:
     """Names of the backends whose packages are installed, ``"exact"`` first."""
-    return tuple(name for module in _modules() for name in module.installed())
+    return tuple(name for _, module in _modules() for name in module.installed())
 
 
-@functools.cache
-def get_backend(name: str) -> Backend:
-    """The backend called ``name``, at its default settings.
+def get_backend(backend: str | Backend) -> Backend:
+    """The backend called so, at its default settings; a backend itself is returned as it is.
 
     Raises
     ------
     BackendError : no backend has that name; the message lists those that do
     MissingExtraError : its package is not installed; the message names the extra
     """
-    modules = _modules()
-    for module in modules:
-        if name in module.names():
+    return _named(backend) if isinstance(backend, str) else backend
+
+
+@functools.cache
+def _named(name: str) -> Backend:
+    family = name.partition(":")[0]
+    for module_name, module in _modules():
+        if name in module.names() or (family == module_name and family != name):
             return module.create(name)
-    known = ", ".join(known for module in modules for known in module.names())
+    known = ", ".join(known for _, module in _modules() for known in module.names())
     raise BackendError(f"no backend is called {name!r}; choose one of: {known}")
