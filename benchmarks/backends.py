@@ -37,8 +37,9 @@ DOCS = Path(__file__).parents[1] / "docs" / "backends.md"
 _HEAD = """# Backends
 
 Written by `python -m benchmarks.backends --docs`. Every answer of every backend is verified by
-`solve_qp` before it is used; this table says what the backends are, and how they did on {programs}
-two-input programs: recorded ticks, and programs badly scaled, nearly infeasible and nearly parallel.
+`solve_qp` before it is used; this table says what the backends are, and how they did on
+{programs} two-input programs: recorded ticks, and ticks made badly scaled, nearly infeasible and
+with nearly parallel rows.
 *Worst error* is the largest difference to the exact command [m/s, rad/s], *off* counts those above
 {agrees:g}, *none* those without an answer that stood verification, and *time* is the median of
 `solve_qp`, verification included [µs].

@@ -185,7 +185,7 @@ def rows_difference(stream: Stream, states: int = 200, seed: int = 0) -> float:
     rng = np.random.default_rng(seed)
     worst = 0.0
     with _double(jax):
-        double = make(config, backend="elastiqp", solver_tol=TIGHT)
+        assemble = jax.jit(make(config, backend="elastiqp", solver_tol=TIGHT).qp_data)
         for tick in (stream.ticks[int(i)] for i in rng.integers(len(stream.ticks), size=states)):
             moved = rng.normal(0.0, 0.2, 8).tolist()
             error = tick.error._replace(x=moved[0], y=moved[1], theta=moved[2])
@@ -199,7 +199,7 @@ def rows_difference(stream: Stream, states: int = 200, seed: int = 0) -> float:
             scene = tick.inputs.scene._replace(feature=feature)
             rows = (*clf.coefficients, *barrier.rows(scene).coefficients)
             z = np.array([*error, *feature[:2]])
-            data = double.qp_data(z, np.zeros(5), np.array([*twist, *box]))
+            data = assemble(z, np.zeros(5), np.array([*twist, *box]))
             P, q, _, _, G, h = (np.asarray(part) for part in data)
             ours = np.array(rows)
             worst = max(

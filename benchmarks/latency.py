@@ -1,4 +1,12 @@
-"""The latency benchmark as one function: everything measured, as a dictionary for JSON."""
+"""The latency benchmark as one function: everything measured, as a dictionary for JSON.
+
+Every route gets the same recorded ticks. A *tick* goes from state to command: ours predicts,
+builds rows, solves, verifies and guards; cbfpy builds its rows and solves. A *solve* goes from a
+program's arrays to its answer. Errors are against rational arithmetic; a route that says nothing
+or throws has failed, one that is off by more than ``WRONG`` is wrong. How times become figures is
+told in :func:`benchmarks.timing.row`. A ratio is that of two medians over the programs, taken
+round by round; the middle one counts, and the smallest and largest say how steady it is.
+"""
 
 from __future__ import annotations
 
@@ -161,10 +169,12 @@ def _c_loop_row(
         return []
     chosen = [p._replace(hard=(row,)) for p, row in single]
     columns = ([p.nominal for p in chosen], [p.box for p in chosen], [p.hard[0] for p in chosen])
-    arrays = [np.array(x, dtype=np.float64) for x in (*columns, [p.soft for p in chosen])]
+    nominal, box, hard, soft = (
+        np.array(x, dtype=np.float64) for x in (*columns, [p.soft for p in chosen])
+    )
 
     def call(_: object) -> NDArray[np.float64]:
-        return loop.one_shot(chosen[0].weight, *arrays, routes.PENALTY)
+        return loop.one_shot(chosen[0].weight, nominal, box, hard, soft, routes.PENALTY)
 
     answers = [(v, w) if ok else None for v, w, _, ok in call(None).tolist()]
     route = Contestant("c-loop", "solve", call, chosen, lambda _: None, _one_shot(chosen))

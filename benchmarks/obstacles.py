@@ -58,7 +58,8 @@ def draw_jobs(programs: Sequence[Program], count: int, rng: np.random.Generator)
     """The same programs among ``count`` discs; those that the discs make infeasible left out."""
     jobs = []
     for program in programs:
-        pose = Pose2(*rng.uniform(-1.0, 1.0, 2).tolist(), float(rng.uniform(-math.pi, math.pi)))
+        east, north, heading = rng.uniform((-1.0, -1.0, -math.pi), (1.0, 1.0, math.pi)).tolist()
+        pose = Pose2(east, north, heading)
         ahead = pose.transform((LEVER, 0.0))
         near = RADIUS + CLEAR
         x, y = rng.uniform(-AREA, AREA, (2, 2 * count + 20))

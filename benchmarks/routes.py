@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import importlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -50,15 +50,15 @@ def tick_route(stream: Stream, exact: Exact) -> Contestant:
     """The whole certified tick; judged by the program's answer within it."""
     controller = stream.controller
 
-    def call(job: tuple[Any, Any, float]) -> Any:
-        controller.state = job[0]
-        return controller.step(*job[1], job[2])
+    def call(job: tuple[Any, Any, Any, Any, float]) -> Any:
+        controller.state, reference, scene, applied, now = job
+        return controller.step(reference, scene, applied, now)
 
     def read(decision: Any) -> Answer:
         answer = decision.answer
         return None if answer is None or decision.status.is_fault else (answer.v, answer.omega)
 
-    jobs = [(tick.state, tick.inputs, tick.now) for tick in stream.ticks]
+    jobs = [(tick.state, *tick.inputs, tick.now) for tick in stream.ticks]
     return Contestant("TrackingController.step", "tick", call, jobs, read, exact)
 
 

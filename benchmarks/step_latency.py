@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.step_latency [--json FILE] [--plot FILE] [--programs N] [--repeats N]``
 
-Names, statistics and what is compared with what are explained in ``docs/latency.md``.
+What is compared with what, and how times become figures, is told in :mod:`benchmarks.latency`.
 """
 
 from __future__ import annotations

@@ -1,69 +1,84 @@
 r"""The guard of many robots at once: the rule of :class:`clfcbf.guard.Guard` on arrays.
 
-One row a robot everywhere: points and twists are pairs of arrays of shape (n,), poses triples.
+One column a robot: twists are arrays of shape (2, n), points (p, 2, n), poses (3, n), boxes
+``(v_lo, v_hi, w_lo, w_hi)`` (4, n).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import NamedTuple, TypeAlias
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from clfcbf.camera import FieldOfView
 from clfcbf.guard import _FALLBACKS, ROUNDING
 from clfcbf.limits import Limits
-from clfcbf.qp.batch_geometry import Array, Flags, Index, Mask, inside
+from clfcbf.qp.batch_geometry import Array, Flags, Mask
 
-__all__ = [
-    "ADMITTED",
-    "BRAKED",
-    "REPLACED",
-    "ArrayGuard",
-    "ArrayGuarded",
-    "next_brake",
-]
-
-Pair: TypeAlias = tuple[Array, Array]
-Pose: TypeAlias = tuple[Array, Array, Array]
+__all__ = ["ADMITTED", "BRAKED", "REPLACED", "ArrayGuard", "ArrayGuarded", "Brakes", "clipped"]
 
 ADMITTED, REPLACED, BRAKED = np.uint8(0), np.uint8(1), np.uint8(2)
 """What the guard did with a command, as :class:`clfcbf.guard.Verdict`."""
 
 
-class ArrayGuarded(NamedTuple):
-    """What the guard lets through, as :class:`clfcbf.guard.Guarded`."""
+class Brakes(NamedTuple):
+    """Certified brakes, see :class:`clfcbf.guard.Brake`: twists (2, n) and ticks left (n,)."""
 
-    twist: Pair
-    brake: Pair
+    twist: Array
     ticks: Array
+
+    def next(self) -> Brakes:
+        """One tick on: the same curvature, slower by one part in ``ticks``."""
+        moving = self.ticks > 1.0
+        factor = 1.0 - 1.0 / np.where(moving, self.ticks, 1.0)  # 0 at the last tick
+        return Brakes(self.twist * factor, np.where(moving, self.ticks - 1.0, 0.0))
+
+
+class ArrayGuarded(NamedTuple):
+    """What the guard lets through, see :class:`clfcbf.guard.Guarded`."""
+
+    twist: Array
+    brakes: Brakes
     verdict: Flags
     certified: Mask
     clearance: Array
 
 
-def arc(twist: Pair, duration: Array | float) -> Pose:
-    """Exact motion of a constant twist, see :func:`clfcbf.se2.arc`; the angle is not wrapped."""
+def clipped(box: Array, twist: Array) -> Array:
+    """The point of the box nearest to the twist, coordinate by coordinate."""
+    return np.minimum(np.maximum(twist, box[0::2]), box[1::2])
+
+
+def within(box: Array, twist: Array) -> Mask:
+    """Whether twists are in the box to rounding."""
+    fine = (box[0::2] - ROUNDING <= twist) & (twist <= box[1::2] + ROUNDING)
+    both: Mask = fine[0] & fine[1]
+    return both
+
+
+def arcs(twist: Array, duration: Array | float) -> Array:
+    """Exact motions of constant twists, see :func:`clfcbf.se2.arc`; the angle is not wrapped."""
     v, omega = twist
     half = 0.5 * omega * duration
     sine = np.sin(half)
-    with np.errstate(invalid="ignore"):
-        chord = v * duration * np.where(half == 0.0, 1.0, sine / half)
-    return chord * np.cos(half), chord * sine, 2.0 * half
+    straight = half == 0.0
+    chord = v * duration * np.where(straight, 1.0, sine / np.where(straight, 1.0, half))
+    return np.stack((chord * np.cos(half), chord * sine, 2.0 * half))
 
 
-def next_brake(twist: Pair, ticks: Array) -> tuple[Pair, Array]:
-    """One tick on: the same curvature, slower by one part in ``ticks``."""
-    moving = ticks > 1.0
-    factor = np.where(moving, 1.0 - 1.0 / np.where(moving, ticks, 1.0), 0.0)
-    rest = np.where(moving, ticks - 1.0, 0.0)
-    return (np.where(moving, twist[0] * factor, 0.0), np.where(moving, twist[1] * factor, 0.0)), rest
+def composed(first: Array, then: Array) -> Array:
+    """``first * then``, see :meth:`clfcbf.se2.Pose2.compose`; the angle is not wrapped."""
+    x, y, theta = first
+    c, s = np.cos(theta), np.sin(theta)
+    return np.stack((x + c * then[0] - s * then[1], y + s * then[0] + c * then[1], theta + then[2]))
 
 
 @dataclass(frozen=True, slots=True)
 class ArrayGuard:
-    """Admits commands only while a stop from them keeps the points in view.
+    """Admits commands only while a stop from them keeps every point in view.
 
     Attributes
     ----------
@@ -77,99 +92,121 @@ class ArrayGuard:
     camera: FieldOfView
     margin: float
     lag: float
-    _half_angle: float = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_half_angle", self.camera.half_angle - self.margin)
-
-    def brake_ticks(self, twist: Pair) -> Array:
-        """Ticks that a same-curvature brake takes to rest."""
-        v, omega = twist
-        slowest = np.maximum(
-            np.abs(v) / (self.limits.a_max * self.period),
-            np.abs(omega) / (self.limits.alpha_max * self.period),
+    def brakes_from(self, twist: Array) -> Brakes:
+        """The same-curvature brakes from ``twist``."""
+        v, omega = np.abs(twist)
+        v, omega = (
+            v / (self.limits.a_max * self.period),
+            omega / (self.limits.alpha_max * self.period),
         )
-        ticks: Array = np.ceil(slowest)
-        return ticks
+        return Brakes(twist, np.ceil(np.maximum(v, omega)))
 
-    def bearing(self, points: tuple[Pair, ...], pose: Pose | None, shift: Array | None) -> Array:
-        """Largest modulus of a point's bearing after the motion ``pose`` [rad].
+    def clearance(
+        self, points: Array, poses: tuple[Array, ...] = (), blur: Array | float = 0.0
+    ) -> Array:
+        """Smallest angle to the edge, here and after each motion [rad].
 
-        ``shift`` moves the camera ahead along its axis.
+        As :meth:`clfcbf.constraints.cbf.FieldOfViewBarrier.clearance`; minus infinity behind the
+        camera.
         """
+        half_angle = self.camera.half_angle - self.margin
+        shift = blur * (1.0 / math.sin(half_angle))
+        widest = np.zeros(points.shape[-1])
+        for x, y in points:
+            np.maximum(widest, self._bearing(x, y, shift), out=widest)
+        for a, b, turn in poses:
+            c, s = np.cos(turn), np.sin(turn)
+            for x, y in points:
+                d_x, d_y = x - a, y - b
+                seen = c * d_x + s * d_y, c * d_y - s * d_x
+                np.maximum(widest, self._bearing(*seen, shift), out=widest)
+        return np.where(widest < 0.5 * math.pi, half_angle - widest, -np.inf)
+
+    def _bearing(self, x: Array, y: Array, shift: Array | float) -> Array:
+        """Modulus of the bearing seen by the camera, moved ahead along its axis by ``shift``."""
         eye_x, eye_y, yaw = self.camera.camera
         cos, sin = math.cos(yaw), math.sin(yaw)
-        if pose is not None:
-            x, y, turn = pose
-            c, s = np.cos(turn), np.sin(turn)
-        widest: Array | None = None
-        for p_x, p_y in points:
-            seen_x, seen_y = p_x, p_y
-            if pose is not None:
-                d_x, d_y = p_x - x, p_y - y
-                seen_x, seen_y = c * d_x + s * d_y, c * d_y - s * d_x
-            seen_x, seen_y = seen_x - eye_x, seen_y - eye_y
-            ahead = cos * seen_x + sin * seen_y
-            if shift is not None:
-                ahead -= shift
-            bearing = np.abs(np.arctan2(cos * seen_y - sin * seen_x, ahead))
-            widest = bearing if widest is None else np.maximum(widest, bearing)
-        assert widest is not None
-        return widest
+        d_x, d_y = x - eye_x, y - eye_y
+        return np.abs(np.arctan2(cos * d_y - sin * d_x, cos * d_x + sin * d_y - shift))
 
-    def clearance(self, widest: Array) -> Array:
-        """Angle to the edge at the largest bearing; minus infinity behind the camera."""
-        return np.where(widest < 0.5 * math.pi, self._half_angle - widest, -np.inf)
-
-    def admissible(
-        self, points: tuple[Pair, ...], body: Pair, twist: Pair, ticks: Array, floor: Array
-    ) -> Mask:
+    def admissible(self, points: Array, body: Array, brakes: Brakes, floor: Array) -> Mask:
         """Whether brakes are safe from here to rest, see :meth:`clfcbf.guard.Guard.admissible`."""
+        twist, ticks = brakes
         duration = 0.5 * self.period * (ticks + 1.0)
-        braked = arc(twist, duration)
-        shift: Array | None = None
-        if self.lag:
-            blur = np.abs(body[0] * twist[1] - twist[0] * body[1]) * duration * self.lag
-            shift = blur * (1.0 / math.sin(self._half_angle))
-        widest = np.maximum(
-            self.bearing(points, None, shift), self.bearing(points, braked, shift)
-        )
-        if self.lag:
-            x, y, turn = coasted = arc(body, self.lag)
-            c, s = np.cos(turn), np.sin(turn)
-            both = x + c * braked[0] - s * braked[1], y + s * braked[0] + c * braked[1]
-            for pose in (coasted, (*both, turn + braked[2])):
-                np.maximum(widest, self.bearing(points, pose, shift), out=widest)
-        safe: Mask = self.clearance(widest) >= floor
-        return safe
+        braked = arcs(twist, duration)
+        if not self.lag:
+            return self.clearance(points, (braked,)) >= floor
+        blur = np.abs(body[0] * twist[1] - twist[0] * body[1]) * duration * self.lag
+        coasted = arcs(body, self.lag)
+        poses = coasted, braked, composed(coasted, braked)
+        return self.clearance(points, poses, blur) >= floor
 
     def filter(
-        self,
-        wanted: Pair,
-        points: tuple[Pair, ...],
-        body: Pair,
-        box: Array,
-        brake: tuple[Pair, Array],
+        self, wanted: Array, points: Array, body: Array, box: Array, last: Brakes
     ) -> ArrayGuarded:
-        """As :meth:`clfcbf.guard.Guard.filter`: the wanted commands, or what comes closest."""
-        clearance = self.clearance(self.bearing(points, None, None))
+        """The admissible commands nearest to ``wanted`` among a few, else the certified brakes.
+
+        Parameters and rule as :meth:`clfcbf.guard.Guard.filter`.
+        """
+        clearance = self.clearance(points)
         floor = np.minimum(clearance, 0.0)
-        ticks = self.brake_ticks(wanted)
-        good = self.admissible(points, body, wanted, ticks, floor) & (clearance > -np.inf)
-        verdict = np.where(good, ADMITTED, BRAKED)
-        sent = wanted[0].copy(), wanted[1].copy()
-        kept = wanted[0].copy(), wanted[1].copy()
-        certified = np.ones(good.shape, dtype=np.bool_)
+        ahead = clearance > -np.inf
+        sent = self.brakes_from(wanted.copy())
+        good = self.admissible(points, body, sent, floor) & ahead
+        answer = ArrayGuarded(
+            wanted.copy(), sent, np.where(good, ADMITTED, BRAKED), good.copy(), clearance
+        )
         at = np.flatnonzero(~good)
         if at.size:
-            last, left = next_brake((brake[0][0][at], brake[0][1][at]), brake[1][at])
-            safe = inside(box.take(at, axis=1), *last)
-            held = _within(box.take(at, axis=1), last)
-            for z in (0, 1):
-                sent[z][at] = safe[z]
-                kept[z][at] = np.where(held, last[z], safe[z])
-            ticks[at] = np.where(held, left, self.brake_ticks(safe))
-            certified[at] = held
-            seen = np.flatnonzero(clearance[at] > -np.inf)
-            self._replace(at, seen, wanted, safe, (points, body, box, floor), (sent, kept, ticks), verdict, certified)
-        return ArrayGuarded(sent, kept, ticks, verdict, certified, clearance)
+            refused = self._instead(
+                wanted[:, at],
+                points[:, :, at],
+                body[:, at],
+                box[:, at],
+                Brakes(last.twist[:, at], last.ticks[at]),
+                np.where(ahead[at], floor[at], np.nan),
+            )
+            answer.twist[:, at], answer.brakes.twist[:, at] = refused.twist, refused.brakes.twist
+            answer.brakes.ticks[at] = refused.brakes.ticks
+            answer.verdict[at], answer.certified[at] = refused.verdict, refused.certified
+        return answer
+
+    def _instead(
+        self, wanted: Array, points: Array, body: Array, box: Array, last: Brakes, floor: Array
+    ) -> ArrayGuarded:
+        """What goes out where the wanted command is refused; a floor of NaN admits nothing."""
+        last = last.next()
+        safe = clipped(box, last.twist)
+        # Outside the box the chassis did not follow the brake: its certificate is void.
+        certified = within(box, last.twist)
+        fresh = self.brakes_from(safe)
+        answer = ArrayGuarded(
+            safe.copy(),
+            Brakes(
+                np.where(certified, last.twist, safe), np.where(certified, last.ticks, fresh.ticks)
+            ),
+            np.full(certified.shape, BRAKED),
+            certified,
+            floor,
+        )
+        at = np.flatnonzero(floor == floor)
+        for other in between(safe, wanted, box):
+            if not at.size:
+                break
+            new = self.brakes_from(other[:, at])
+            good = self.admissible(points[:, :, at], body[:, at], new, floor[at])
+            here, at = at[good], at[~good]
+            answer.twist[:, here] = answer.brakes.twist[:, here] = new.twist[:, good]
+            answer.brakes.ticks[here] = new.ticks[good]
+            answer.verdict[here], answer.certified[here] = REPLACED, True
+        return answer
+
+
+def between(safe: Array, wanted: Array, box: Array) -> Iterator[Array]:
+    """Commands ever closer from the wanted one to the brake, all inside the box."""
+    way = wanted - safe
+    for share in _FALLBACKS:
+        yield clipped(box, safe + share * way)
+    yield clipped(box, np.stack((safe[0], wanted[1])))
+    yield clipped(box, np.stack((wanted[0], safe[1])))

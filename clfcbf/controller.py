@@ -27,9 +27,11 @@ from clfcbf.safety_filter import as_barriers
 from clfcbf.scene import Observation, Reference, Scene
 from clfcbf.se2 import Twist, is_finite
 from clfcbf.tick import (
+    Begun,
     FilterConfig,
     FilterState,
     begin,
+    failed,
     finish,
     motion_to_now,
     stop,
@@ -77,6 +79,16 @@ def tracking_tick(
     begun = begin(base, state, applied, now)
     if begun.fault is not None:
         return stop(begun, begun.fault, base)
+    try:
+        return _tracked(config, begun, reference, scene)
+    except Exception as error:  # whatever a barrier or a backend raises, a command must go out
+        return failed(begun, error, base)
+
+
+def _tracked(
+    config: TrackingConfig, begun: Begun, reference: Reference, scene: Scene
+) -> tuple[Decision, FilterState]:
+    base = config.filter
     motion = motion_to_now(base, begun, scene)
     if isinstance(motion, Status):
         return stop(begun, motion, base)

@@ -39,6 +39,8 @@ class Status(Enum):
     """The time did not advance: braking."""
     SOLVER_FAILED = "solver failed"
     """No backend gave an answer that stands verification: braking."""
+    INTERNAL_ERROR = "internal error"
+    """A part raised an exception, which the reason names: braking."""
 
     @property
     def is_fault(self) -> bool:
@@ -53,6 +55,7 @@ _FAULTS = frozenset(
         Status.INVALID_INPUT,
         Status.CLOCK_ERROR,
         Status.SOLVER_FAILED,
+        Status.INTERNAL_ERROR,
     }
 )
 

@@ -20,7 +20,7 @@ from clfcbf.estimation import NoiseModel, TargetEstimate, grown, measured, recko
 from clfcbf.laws.kanayama import Kanayama
 from clfcbf.scene import Observation, Scene
 from clfcbf.se2 import Pose2, Twist, is_finite
-from clfcbf.tick import Begun, FilterConfig, FilterState, begin, finish, stop
+from clfcbf.tick import Begun, FilterConfig, FilterState, begin, failed, finish, stop
 from clfcbf.trajectories.build import arc_path
 from clfcbf.trajectories.following import Following, FollowingGains, at_rest, follow
 from clfcbf.trajectories.legs import Leg, Path
@@ -116,6 +116,21 @@ def docking_tick(
     if begun.fault is not None:
         return _stopped(config, state, begun, begun.fault)
     elapsed = begun.reckoning.time - before.time if before is not None else 0.0
+    try:
+        return _docked(config, state, begun, observation, elapsed)
+    except Exception as error:  # whatever a barrier or a backend raises, a command must go out
+        decision, after = failed(begun, error, base)
+        return decision._replace(phase=state.phase), state._replace(base=after)
+
+
+def _docked(
+    config: DockingConfig,
+    state: DockingState,
+    begun: Begun,
+    observation: Observation | None,
+    elapsed: float,
+) -> tuple[Decision, DockingState]:
+    base = config.filter
     state, fault = observed(config, state, begun, observation, elapsed)
     if state.phase in (Phase.DONE, Phase.FAILED):
         return _stopped(config, state, begun, Status.OPTIMAL)

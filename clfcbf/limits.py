@@ -11,6 +11,9 @@ from clfcbf.se2 import Twist
 
 __all__ = ["InputBox", "Limits", "check_period"]
 
+_MOST_TICKS = 1e9
+"""Ticks of a brake counted at most: a year at 30 Hz, so that no twist overflows the count."""
+
 
 class InputBox(NamedTuple):
     """The commands that one tick may send: ``v_lo <= v <= v_hi``, ``w_lo <= omega <= w_hi``."""
@@ -123,12 +126,9 @@ class Limits:
 
         :math:`N = \lceil\max(|v|/(a_{max}T),\ |\omega|/(\alpha_{max}T))\rceil`.
         """
-        return math.ceil(
-            max(
-                abs(twist[0]) / (self.a_max * period),
-                abs(twist[1]) / (self.alpha_max * period),
-            )
-        )
+        slower = abs(twist[0]) / (self.a_max * period)
+        straighter = abs(twist[1]) / (self.alpha_max * period)
+        return math.ceil(min(max(slower, straighter), _MOST_TICKS))
 
     def brake_horizon(self, period: float) -> float:
         r"""Largest look-ahead of the guard, :math:`\bar T = T(\bar N + 1)/2` [s]."""

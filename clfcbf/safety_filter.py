@@ -15,7 +15,16 @@ from clfcbf.guard import moved_scene
 from clfcbf.limits import Limits, check_period
 from clfcbf.scene import Scene
 from clfcbf.se2 import Twist, is_finite
-from clfcbf.tick import FilterConfig, FilterState, begin, finish, motion_to_now, stop
+from clfcbf.tick import (
+    Begun,
+    FilterConfig,
+    FilterState,
+    begin,
+    failed,
+    finish,
+    motion_to_now,
+    stop,
+)
 
 __all__ = ["FilterInputs", "SafetyFilter", "as_barriers", "filter_tick"]
 
@@ -36,6 +45,15 @@ def filter_tick(
     begun = begin(config, state, applied, now)
     if begun.fault is not None:
         return stop(begun, begun.fault, config)
+    try:
+        return _filtered(config, begun, nominal, scene)
+    except Exception as error:  # whatever a barrier or a backend raises, a command must go out
+        return failed(begun, error, config)
+
+
+def _filtered(
+    config: FilterConfig, begun: Begun, nominal: Twist, scene: Scene
+) -> tuple[Decision, FilterState]:
     motion = motion_to_now(config, begun, scene)
     if isinstance(motion, Status):
         return stop(begun, motion, config)

@@ -32,7 +32,16 @@ from clfcbf.qp.exact import LexicographicSolution
 from clfcbf.scene import Scene
 from clfcbf.se2 import Pose2, Twist, is_finite
 
-__all__ = ["Begun", "FilterConfig", "FilterState", "begin", "finish", "motion_to_now", "stop"]
+__all__ = [
+    "Begun",
+    "FilterConfig",
+    "FilterState",
+    "begin",
+    "failed",
+    "finish",
+    "motion_to_now",
+    "stop",
+]
 
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
 _REST = Twist(0.0, 0.0)
@@ -133,10 +142,14 @@ def begin(config: FilterConfig, state: FilterState, applied: Twist, now: float) 
         fault = Status.CLOCK_ERROR
         if now < reckoning.time:
             reckoning = DeadReckoning(now, reckoning.pose, reckoning.body)
-    else:
-        reckoning = advance(reckoning, applied, now, config.lag)
     box = config.limits.input_box(applied, config.period)
-    ahead = coast(reckoning.body, config.lag)
+    try:
+        if fault is not Status.CLOCK_ERROR and reckoning.time < now:
+            reckoning = advance(reckoning, applied, now, config.lag)
+        ahead = coast(reckoning.body, config.lag)
+    except (ValueError, OverflowError):  # finite, but no motion of a robot
+        reckoning = DeadReckoning(reckoning.time, reckoning.pose, _REST, reckoning.past)
+        ahead, fault = _ORIGIN, Status.INVALID_INPUT
     return Begun(applied, box, reckoning, ahead, state.brake, fault)
 
 
@@ -153,6 +166,14 @@ def stop(begun: Begun, status: Status, config: FilterConfig) -> tuple[Decision, 
     return decision, FilterState(begun.reckoning, brake, twist)
 
 
+def failed(begun: Begun, error: Exception, config: FilterConfig) -> tuple[Decision, FilterState]:
+    """End a tick in which a part raised ``error``: the certified brake, and the error's text."""
+    bad_input = isinstance(error, GeometryError)
+    status = Status.INVALID_INPUT if bad_input else Status.INTERNAL_ERROR
+    decision, state = stop(begun, status, config)
+    return decision._replace(reason=f"{type(error).__name__}: {error}"), state
+
+
 def finish(
     config: FilterConfig, begun: Begun, nominal: Twist, scene: Scene, wishes: tuple[Rows, ...] = ()
 ) -> tuple[Decision, FilterState]:
@@ -164,16 +185,13 @@ def finish(
     scene : goal and feature as seen from the robot now
     wishes : rows below the barriers, such as a Lyapunov row, taken where the body coasts to
     """
-    try:
-        rows = tuple([barrier.rows(scene, begun.coast) for barrier in config.barriers])
-    except GeometryError:
-        return stop(begun, Status.INVALID_INPUT, config)
+    rows = tuple([barrier.rows(scene, begun.coast) for barrier in config.barriers])
     blocks = (*rows, *wishes)
     priorities, levels = _levels(blocks)
     answer = solve_ladder(config.weight, nominal, begun.box, levels, config.backend)
     if answer is None or not _verified(answer, begun.box, levels):
-        failed, after = stop(begun, Status.SOLVER_FAILED, config)
-        asked = failed._replace(nominal=nominal, rows=blocks, weight=config.weight, answer=answer)
+        braked, after = stop(begun, Status.SOLVER_FAILED, config)
+        asked = braked._replace(nominal=nominal, rows=blocks, weight=config.weight, answer=answer)
         return asked, after
     wanted = Twist(answer.v, answer.omega)
     if not begun.box.contains(wanted):

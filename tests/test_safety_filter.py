@@ -25,7 +25,7 @@ from clfcbf.estimation import body_after
 from clfcbf.guard import moved_scene
 from clfcbf.laws.kanayama import Kanayama
 from clfcbf.safety_filter import FilterInputs, filter_tick
-from clfcbf.se2 import arc
+from clfcbf.se2 import arc, is_finite
 from clfcbf.tick import FilterState
 from tests.strategies import any_float
 
@@ -146,6 +146,48 @@ def test_the_clock_may_stand_still_or_jump_and_the_filter_recovers():
     later = 1.0 + PERIOD
     decision = safe.filter(Twist(0.1, 0.0), scene_at(stamp=later), REST, later)
     assert not decision.status.is_fault
+
+
+class Broken:
+    """A user's barrier with a bug."""
+
+    name = "broken"
+
+    def rows(self, scene, motion=None):
+        raise KeyError("no such obstacle")
+
+    def clearance(self, scene, motions=(), blur=0.0):
+        return math.inf
+
+
+def test_a_part_that_raises_is_named_and_braked_for():
+    safe = SafetyFilter(LIMITS, [CAMERA, Broken()], PERIOD)
+    decision = safe.filter(Twist(0.2, 0.0), scene_at(), Twist(0.1, 0.0), 0.0)
+    assert decision.status is Status.INTERNAL_ERROR
+    assert "no such obstacle" in decision.reason
+    assert decision.twist == pytest.approx((0.09, 0.0))
+
+
+huge = st.sampled_from([1e9, -1e12, 1e154, -1e160, 1e300, -1e308, 1e-300, 5e-324, 0.0])
+huge_twist = st.builds(Twist, huge, huge)
+huge_pose = st.builds(Pose2, huge, huge, huge)
+
+
+@settings(max_examples=300)
+@given(huge_twist, st.builds(Scene, huge_pose, huge_pose, st.just(0.0)), huge_twist, huge_pose)
+def test_absurd_but_finite_values_raise_nothing(nominal, scene, applied, pose):
+    controllers = (make_filter(lag=0.12), TrackingController(LIMITS, [CAMERA], PERIOD, lag=0.12))
+    sent = [REST, REST]
+    for now in (0.0, PERIOD):
+        decisions = (
+            controllers[0].filter(nominal, scene, applied, now),
+            controllers[1].step(Reference(pose, nominal), scene, applied, now),
+        )
+        for k, decision in enumerate(decisions):
+            in_force = applied if is_finite(applied) else sent[k]
+            assert LIMITS.input_box(in_force, PERIOD).contains(decision.twist)
+            assert all(map(math.isfinite, decision.twist))
+            sent[k] = decision.twist
 
 
 def test_hand_over_from_a_faster_stage():

@@ -2,7 +2,8 @@ r"""The viable set of a bearing under bounded accelerations, as barrier rows tha
 
 **The inputs are accelerations** :math:`(a, \alpha)`, as in ``clfcbf.constraints.acceleration``.
 A barrier of the bearing alone asks, near an edge, for more braking than the acceleration limits
-have. Here the braking is part of the set.
+have. Here the braking is part of the set. ``ViableSet.rows`` are its barrier rows in continuous
+time; ``clfcbf.constraints.viable_held`` has those for accelerations held from tick to tick.
 """
 
 from __future__ import annotations
@@ -17,10 +18,13 @@ from clfcbf.errors import ConfigurationError, GeometryError
 from clfcbf.limits import Limits, check_period
 from clfcbf.se2 import Point, Twist
 
-__all__ = ["ViableSet"]
+__all__ = ["ViableSet", "stopping_angle"]
 
 _SERIES_BELOW = 1e-3
 """Share of alpha_max/k_v under which the braking angle is a series: its two terms cancel."""
+
+_MOST_GROWTH = 0.5
+"""Bound on k_v T: k_v T exp(k_v T) < 1 is needed to brake what a period of alpha_max starts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,15 +64,9 @@ class ViableSet:
         the approach rate is not in :math:`(0, a_{max}/v_{max}]` or leaves no turn rate to
         brake with, :math:`k_v\sin\Phi + \alpha_{max}T > \omega_{max}`; the gain is below it
 
-    Notes
-    -----
-    Rows and set speak of continuous time. With accelerations held for a period the bearing can
-    pass the edge by a small part of what it moves in that time; the half angle takes a margin.
-
     References
     ----------
-    High-order barriers and their feasibility: [Xiao2022]_; viable sets of this kind for bounded
-    inputs: [Breeden2021]_.
+    Feasibility of high-order barriers: [Xiao2022]_; barriers with bounded inputs: [Breeden2021]_.
     """
 
     limits: Limits
@@ -96,6 +94,17 @@ class ViableSet:
                 f"got {self.gain!r}"
             )
         object.__setattr__(self, "_forward", replace(self.limits, v_min=0.0))
+        # So that of two opposite rows at most one can ask for braking within a period.
+        step = self.limits.alpha_max * self.period
+        swing = math.exp(self.approach_rate * self.period) * step
+        turned = 0.5 * self.period * swing + self.braking_angle(swing)
+        room = self.half_angle - 0.5 * self.braking_angle(step)
+        if not turned <= min(1.0, self.gain * self.period) * room:
+            raise ConfigurationError(
+                f"half_angle {self.half_angle!r} rad is too narrow for alpha_max * period = "
+                f"{step:.6g} rad/s at a gain of {self.gain!r} 1/s; shorten the period or raise "
+                "the gain"
+            )
 
     @classmethod
     def largest(cls, limits: Limits, half_angle: float, period: float, gain: float) -> ViableSet:
@@ -103,7 +112,11 @@ class ViableSet:
 
         .. math::
             k_v = \min\!\left(\frac{a_{max}}{v_{max}},
-                  \frac{\omega_{max} - \alpha_{max}T}{\sin\Phi}\right)
+                  \frac{\omega_{max} - \alpha_{max}T}{\sin\Phi}, \frac1{2T}\right)
+
+        The deceleration :math:`k_vv` is then at hand, so is the turn rate that follows a bearing
+        at the edge with one period of :math:`\alpha_{max}` to spare, and a period of growth
+        is within what the next can brake.
 
         Raises
         ------
@@ -120,17 +133,7 @@ class ViableSet:
         About :math:`p^2/(2\alpha_{max}) + k_vp^3/(3\alpha_{max}^2)`. 0 for a rate inward,
         infinite from :math:`p = \alpha_{max}/k_v` on, which no braking stops.
         """
-        k, alpha = self.approach_rate, self.limits.alpha_max
-        share = k * rate / alpha
-        if not share > 0.0:
-            return 0.0
-        if share >= 1.0:
-            return math.inf
-        if share < _SERIES_BELOW:
-            series = share * share * (0.5 + share * (1 / 3 + share * (0.25 + share * 0.2)))
-        else:
-            series = -share - math.log1p(-share)
-        return alpha / (k * k) * series
+        return stopping_angle(rate, self.limits.alpha_max, self.approach_rate)
 
     def margins(self, point: Point, twist: Twist) -> tuple[float, float, float]:
         r"""The barriers :math:`(b_L, b_R, b_v)`: two angles [rad] and a speed [m/s].
@@ -139,7 +142,26 @@ class ViableSet:
                   b_R = \Phi + \varphi - d(-\dot\varphi),\quad b_v = k_v\rho - v
         """
         rho, phi, rate = _bearing(point, twist)
-        return self._margins(rho, phi, rate, twist[0])
+        return (
+            self.half_angle - phi - self.braking_angle(rate),
+            self.half_angle + phi - self.braking_angle(-rate),
+            self.approach_rate * rho - twist[0],
+        )
+
+    def braked_bearing(self, point: Point, twist: Twist) -> tuple[float, float, float]:
+        """Range [m], bearing [rad] and bearing rate [rad/s], a rate that can be braked.
+
+        Raises
+        ------
+        GeometryError : as ``rows``
+        """
+        rho, phi, rate = _bearing(point, twist)
+        if not self.approach_rate * abs(rate) < self.limits.alpha_max:
+            raise GeometryError(
+                f"a bearing rate of {rate!r} rad/s cannot be braked: the viable set needs less "
+                f"than {self.limits.alpha_max / self.approach_rate:.6g} rad/s"
+            )
+        return rho, phi, rate
 
     def contains(self, point: Point, twist: Twist) -> bool:
         """Whether the state is in S and inside the speed limits."""
@@ -173,6 +195,10 @@ class ViableSet:
             \frac v\rho\cos\varphi\,\dot\varphi\right) - \gamma\,b_s,\qquad
             a \le \gamma\,b_v - k_vv\cos\varphi
 
+        They bound the accelerations of this instant. Where a bearing at rest is at the edge
+        (:math:`p = b_s = 0`) no acceleration is excluded, so held for a period one may leave
+        the set: use ``held_rows`` in a loop that ticks.
+
         Parameters
         ----------
         point : point at rest to be kept in view, seen from the rotation centre [m]
@@ -189,16 +215,10 @@ class ViableSet:
             bearing moves outward at :math:`\alpha_{max}/k_v` or more, where no braking angle
             exists
         """
-        rho, phi, rate = _bearing(point, twist)
-        k, alpha_max = self.approach_rate, self.limits.alpha_max
-        if not k * abs(rate) < alpha_max:
-            raise GeometryError(
-                f"a bearing rate of {rate!r} rad/s cannot be braked: the viable set needs less "
-                f"than alpha_max / approach_rate = {alpha_max / k:.6g} rad/s"
-            )
-        v = twist[0]
+        rho, phi, rate = self.braked_bearing(point, twist)
+        k, alpha_max, v = self.approach_rate, self.limits.alpha_max, twist[0]
         q, s, c = v / rho, math.sin(phi), math.cos(phi)
-        values = self._margins(rho, phi, rate, v)
+        values = self.margins(point, twist)
         drift = q * q * s * c + q * c * rate
         coefficients: list[Row] = []
         for sign, value in ((1.0, values[0]), (-1.0, values[1])):
@@ -213,20 +233,31 @@ class ViableSet:
             values,
         )
 
-    def _margins(
-        self, rho: float, phi: float, rate: float, speed: float
-    ) -> tuple[float, float, float]:
-        return (
-            self.half_angle - phi - self.braking_angle(rate),
-            self.half_angle + phi - self.braking_angle(-rate),
-            self.approach_rate * rho - speed,
-        )
+
+def stopping_angle(rate: float, brake: float, growth: float) -> float:
+    r"""Angle covered until :math:`\dot p = -w + kp` has stopped an outward rate p [rad].
+
+    .. math:: -\frac pk - \frac w{k^2}\ln\!\left(1 - \frac{kp}w\right)
+
+    0 for a rate that is not outward, infinite where :math:`kp \ge w`.
+    """
+    share = growth * rate / brake
+    if not share > 0.0:
+        return 0.0
+    if share >= 1.0:
+        return math.inf
+    if share < _SERIES_BELOW:
+        series = share * share * (0.5 + share * (1 / 3 + share * (0.25 + share * 0.2)))
+    else:
+        series = -share - math.log1p(-share)
+    return brake / (growth * growth) * series
 
 
 def _largest_approach_rate(limits: Limits, half_angle: float, period: float) -> float:
     return min(
         limits.a_max / limits.v_max,
         (limits.omega_max - limits.alpha_max * period) / math.sin(half_angle),
+        _MOST_GROWTH / period,
     )
 
 

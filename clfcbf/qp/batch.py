@@ -163,9 +163,9 @@ def _solve(part: Chunk) -> tuple[Array, Array, Array, Flags]:
         x, y, slacks[0, at], some = least_violation(box, rows[: part.hard], rows[:0])
         if rows.shape[0] > part.hard:
             # The hard rows leave one point, so the soft slack is what they lack there.
-            units, extreme = unit_rows(rows[part.hard :])
+            units, lengths = unit_rows(rows[part.hard :])
             over = np.stack([excess(row, x, y) for row in units])
             slacks[1, at] = np.maximum(over.max(axis=0), 0.0)
-            some = np.maximum(some, extreme)
+            some = np.maximum(some, lengths)
         v[at], w[at], verdict[at] = x, y, some
     return v, w, slacks, verdict

@@ -10,7 +10,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from clfcbf.qp.batch_geometry import SMALL_ANGLE, Array, Chord, Index, Mask, excess, inside
+from clfcbf.qp.batch_chord import Chord
+from clfcbf.qp.batch_geometry import SMALL_ANGLE, Array, Index, Mask, excess, inside
 from clfcbf.qp.objective import CONDITION
 from clfcbf.qp.polygon import TRUSTED
 

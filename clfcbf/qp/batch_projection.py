@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from clfcbf.qp.batch_chord import chord, lowest
 from clfcbf.qp.batch_geometry import (
     DELICATE,
     EMPTY,
@@ -16,10 +17,9 @@ from clfcbf.qp.batch_geometry import (
     Array,
     Flags,
     Index,
-    chord,
     excess,
+    extreme,
     inside,
-    lowest,
     lowest_corner,
     scale_of,
     size_of,
@@ -80,12 +80,12 @@ def unit_rows(rows: Array) -> tuple[Array, Flags]:
     """Rows of unit length, zero rows never violated; DELICATE where a length is extreme."""
     length2 = rows[:, 0] * rows[:, 0] + rows[:, 1] * rows[:, 1]
     units = rows / np.sqrt(length2)[:, None]
-    extreme = ~((length2 > 1e-300) & (length2 < 1e300))
-    if extreme.any():
+    delicate = extreme(length2)
+    if delicate.any():
         zero = (rows[:, 0] == 0.0) & (rows[:, 1] == 0.0)
         units.transpose(0, 2, 1)[zero] = 0.0, 0.0, np.inf
-        extreme &= ~zero
-    return units, np.where(extreme.any(axis=0), DELICATE, FINE)
+        delicate &= ~zero
+    return units, np.where(delicate.any(axis=0), DELICATE, FINE)
 
 
 def least_violation(box: Array, rows: Array, taken: Array) -> tuple[Array, Array, Array, Flags]:
@@ -99,7 +99,7 @@ def least_violation(box: Array, rows: Array, taken: Array) -> tuple[Array, Array
     -------
     v, w, the violation, verdict
     """
-    units, extreme = unit_rows(rows)
+    units, lengths = unit_rows(rows)
     v, w, verdict = lowest(box, units[0], taken)
     value = excess(units[0], v, w)
     noise = NOISE * scale_of(box)
@@ -114,4 +114,4 @@ def least_violation(box: Array, rows: Array, taken: Array) -> tuple[Array, Array
         v[at], w[at], verdict[at] = lowest(box.take(at, axis=1), part[count], within)
         value[at] = excess(part[count], v[at], w[at])
     verdict[~(value > noise)] = DELICATE
-    return v, w, value, np.maximum(verdict, extreme)
+    return v, w, value, np.maximum(verdict, lengths)

@@ -176,7 +176,7 @@ class Residuals:
     ----------
     primal : largest distance to the wrong side of a row or bound, over :math:`1 + |z|_\infty`
     dual : largest entry of :math:`Pz + q + G^\top\lambda + A^\top\nu + \mu`, or multiplier of the
-        wrong sign, over the sizes of the terms of that entry and its curvature :math:`P_{ii}`
+        wrong sign, over the largest term of that entry and its curvature :math:`P_{ii}`
     gap : largest complementarity :math:`\min(\text{distance to the row}, \text{multiplier})` of a
         row or bound, the one scaled as ``primal``, the other as ``dual``
     """

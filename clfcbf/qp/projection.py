@@ -101,7 +101,8 @@ def _in_a_wedge(
     sides = ((1.0, 0.0, v_hi), (-1.0, 0.0, -v_lo), (0.0, 1.0, w_hi), (0.0, -1.0, -w_lo))
     length2 = a_v * a_v + a_w * a_w
     for c_v, c_w, e in (*sides, *taken):
-        rate2 = (a_v * c_w - a_w * c_v) ** 2
+        rate = a_v * c_w - a_w * c_v
+        rate2 = rate * rate  # a power would overflow with an exception
         both2 = length2 * (c_v * c_v + c_w * c_w)
         near = abs(c_v * v + c_w * w - e) <= 2.0 * touch * (abs(c_v) + abs(c_w))
         same = rate2 <= _SAME_ANGLE * both2 and a_v * c_v + a_w * c_w > 0.0
@@ -136,7 +137,8 @@ def _on_line(
         raise Delicate
     small = _SMALL_ANGLE * length2
     c, s_v, s_w = objective[5:8]
-    if c and (a_v * s_w - a_w * s_v) ** 2 <= small * (s_v * s_v + s_w * s_w):
+    cross = a_v * s_w - a_w * s_v
+    if c and cross * cross <= small * (s_v * s_v + s_w * s_w):
         raise Delicate
     undecided = NOISE * (abs(v_lo) + abs(v_hi) + abs(w_lo) + abs(w_hi))
     reach = 2.0 * (v_hi - v_lo + w_hi - w_lo)

@@ -131,7 +131,8 @@ def _attempt(solver: Backend, problem: QuadraticProgram, time_limit: float | Non
         raise
     except Exception as error:  # solvers raise what they please; a tick must get an answer
         message = f"{type(error).__name__}: {error}"
-        solution = QpSolution(None, QpStatus.NUMERICAL_ERROR, solver.name, message=message)
+        status = _unanswered(problem, QpStatus.NUMERICAL_ERROR)
+        solution = QpSolution(None, status, solver.name, message=message)
     seconds = time.perf_counter() - begun
     attempt = Attempt(solver.name, solution.status, seconds, solution.message, refused)
     return replace(solution, attempts=(attempt,))

@@ -103,10 +103,15 @@ def _optimality(
     P, G, A = problem.P, problem.G, problem.A
     left = P @ x + problem.q + G.T @ rows + A.T @ equalities + bounds
     # Each entry against its own terms: a large force in one entry excuses nothing in another.
-    size = np.abs(P) @ np.abs(x) + np.abs(problem.q) + np.abs(G).T @ np.abs(rows)
-    size += np.abs(A).T @ np.abs(equalities) + np.abs(bounds)
+    terms = (
+        np.abs(P) @ np.abs(x),
+        np.abs(problem.q),
+        np.abs(G).T @ np.abs(rows),
+        np.abs(A).T @ np.abs(equalities),
+        np.abs(bounds),
+    )
     curvature = P.diagonal()
-    size += np.where(curvature > 0.0, curvature, curvature.max() if curvature.any() else 1.0)
+    size = np.max(terms, axis=0) + np.where(curvature > 0.0, curvature, curvature.max() if curvature.any() else 1.0)
     push = np.max(np.abs(G) / size, axis=1, initial=0.0)  # of a row with multiplier one
     wrong = (
         np.abs(left) / size,

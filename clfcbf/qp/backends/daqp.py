@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import dataclass
 
 import numpy as np
 
-from clfcbf.errors import MissingExtraError
 from clfcbf.qp.backends import Capability
+from clfcbf.qp.backends._solver import is_installed, require
 from clfcbf.qp.problem import QpSolution, QpStatus, QuadraticProgram
 
 __all__ = ["DaqpBackend", "create", "installed", "names"]
 
 _NO_BOUND = 1e30
 """What DAQP takes for infinity."""
+
+_EQUALITY = 5
+"""DAQP's mark of a row that is one."""
 
 _EXIT = {
     1: QpStatus.OPTIMAL,
@@ -51,25 +53,30 @@ class DaqpBackend:
     @property
     def capability(self) -> Capability:
         """Any size; singular P by regularisation."""
-        return Capability(package="daqp", licence="MIT")
+        return Capability(package="daqp", licence="MIT", time_limit=True)
 
-    def solve(self, problem: QuadraticProgram) -> QpSolution:
+    def solve(self, problem: QuadraticProgram, time_limit: float | None = None) -> QpSolution:
         """Solve a well-posed program."""
         import daqp
 
-        n = problem.n
-        upper = np.minimum(np.concatenate((problem.ub, problem.h)), _NO_BOUND)
-        lower = np.full(n + problem.m, -_NO_BOUND)
+        n, m = problem.n, problem.m
+        upper = np.minimum(np.concatenate((problem.ub, problem.h, problem.b)), _NO_BOUND)
+        lower = np.full(upper.size, -_NO_BOUND)
         np.maximum(problem.lb, -_NO_BOUND, out=lower[:n])
+        lower[n + m :] = problem.b
+        sense = np.zeros(upper.size, dtype=np.int32)
+        sense[n + m :] = _EQUALITY
+        limits = {} if time_limit is None else {"time_limit": time_limit}
         x, _, flag, info = daqp.solve(
             np.array(problem.P),
             np.array(problem.q),
-            np.array(problem.G),
+            np.concatenate((problem.G, problem.A)),
             upper,
             lower,
-            np.zeros(n + problem.m, dtype=np.int32),
+            sense,
             primal_tol=self.primal_tol,
             iter_limit=self.iter_limit,
+            **limits,
         )
         status = _EXIT.get(int(flag), QpStatus.NUMERICAL_ERROR)
         message = f"exit flag {int(flag)}"
@@ -77,7 +84,13 @@ class DaqpBackend:
             return QpSolution(None, status, self.name, message=message)
         dual = np.asarray(info["lam"], dtype=np.float64)
         return QpSolution(
-            np.asarray(x, dtype=np.float64), status, self.name, dual[n:], dual[:n], message=message
+            np.asarray(x, dtype=np.float64),
+            status,
+            self.name,
+            dual[n : n + m],
+            dual[:n],
+            message=message,
+            dual_equalities=dual[n + m :],
         )
 
 
@@ -88,11 +101,10 @@ def names() -> tuple[str, ...]:
 
 def installed() -> tuple[str, ...]:
     """The name, if the package is there."""
-    return names() if importlib.util.find_spec("daqp") is not None else ()
+    return names() if is_installed("daqp") else ()
 
 
 def create(name: str) -> DaqpBackend:
     """The backend; ``name`` is one of :func:`names`."""
-    if not installed():
-        raise MissingExtraError(name, "solvers")
+    require("daqp", name, "solvers")
     return DaqpBackend()

@@ -28,10 +28,10 @@ class ExactBackend:
     @property
     def capability(self) -> Capability:
         """Two variables, P positive definite."""
-        return Capability(max_variables=2, semidefinite=False)
+        return Capability(max_variables=2, semidefinite=False, time_limit=True)
 
-    def solve(self, problem: QuadraticProgram) -> QpSolution:
-        """Solve a well-posed program.
+    def solve(self, problem: QuadraticProgram, time_limit: float | None = None) -> QpSolution:
+        """Solve a well-posed program, in microseconds whatever the time limit.
 
         Raises
         ------
@@ -55,6 +55,9 @@ class ExactBackend:
             for (a_v, a_w), b in zip(problem.G.tolist(), problem.h.tolist(), strict=True)
             if b < math.inf
         ]
+        finite = len(rows)
+        for (a_v, a_w), b in zip(problem.A.tolist(), problem.b.tolist(), strict=True):
+            rows += [(a_v, a_w, b), (-a_v, -a_w, -b)]
         box = _finite_box(problem, weight, nominal, rows)
         answer = solve_lexicographic(weight, nominal, box, (rows,))
         if answer is None:
@@ -64,11 +67,19 @@ class ExactBackend:
             return QpSolution(None, QpStatus.INFEASIBLE, self.name, message=message)
         found = multipliers(weight, nominal, box, (rows,), answer)
         dual = np.zeros(problem.m)
-        dual[problem.h < math.inf] = found.rows
+        dual[problem.h < math.inf] = found.rows[:finite]
+        pairs = np.array(found.rows[finite:]).reshape(-1, 2)
         lower_v, upper_v, lower_w, upper_w = found.box
         bounds = np.array((upper_v - lower_v, upper_w - lower_w))
         x = np.array((answer.v, answer.omega))
-        return QpSolution(x, QpStatus.OPTIMAL, self.name, dual, bounds)
+        return QpSolution(
+            x,
+            QpStatus.OPTIMAL,
+            self.name,
+            dual,
+            bounds,
+            dual_equalities=pairs[:, 0] - pairs[:, 1],
+        )
 
 
 def _finite_box(
