@@ -63,9 +63,6 @@ LATERAL_TOLERANCE = 0.007
 
 # The planner ------------------------------------------------------------------------------------
 
-PLAN_SPEED = 0.98
-"""Share of the speed that a plan uses; the rest lets the tracker catch up."""
-
 PLAN_TURN_RATE = 0.9375
 """Share of the turn rate that a plan uses; feedback on the path needs the rest."""
 

@@ -81,11 +81,11 @@ class Planner:
         self.lag = lag
         self.gains = gains or FollowingGains()
         self.limits = Limits(
-            defaults.PLAN_SPEED * limits.v_max,
+            limits.v_max,  # the virtual target waits for the robot, so there is nothing to catch up
             defaults.PLAN_TURN_RATE * limits.omega_max,
             defaults.PLAN_ACCELERATION * limits.a_max,
             defaults.PLAN_ACCELERATION * limits.alpha_max,
-            defaults.PLAN_SPEED * limits.reverse_speed,
+            limits.reverse_speed,
         )
         self.edge = FieldOfView(camera.half_angle - defaults.PLAN_EDGE, camera.camera)
         offsets = nominal_offsets(self.limits, self.edge, standoff, defaults.PLAN_CURVES)

@@ -1,4 +1,4 @@
-r"""Certificate: under the Kanayama law the strict Lyapunov function decays, at the default constants.
+r"""Certificate: the strict Lyapunov function decays under the Kanayama law, default constants.
 
 With s = sin(theta), c = cos(theta), :math:`\dot V_s + \mu V_s = -Ax^2 + bx + r`, where b and r
 are free of x and A > 0. So its largest value over *every* x is :math:`r + b^2/(4A)`, convex in
@@ -152,11 +152,11 @@ def test_the_row_of_the_library_is_what_is_certified(x, y, theta, v, omega, gear
 def test_it_decays():
     verdict, _ = certify(FLOATS)
     assert verdict.proved
-    assert verdict.boxes < 100_000
+    assert verdict.boxes < 5_000
 
 
 def test_it_is_positive_definite():
-    r"""V_s = x²/2 + y²/2 + 2 eps y q sin(theta/2) + 2 sin²(theta/2)/k2, q = cos(theta/2): Sylvester.
+    r"""With p = sin(theta/2), q = cos(theta/2) it is x²/2 + y²/2 + 2 eps q y p + 2 p²/k2: Sylvester.
 
     For |q| <= 1 the determinant is at least 1/k2 - eps², in rationals.
     """
@@ -186,9 +186,9 @@ def test_a_larger_cross_term_is_not_definite():
     [
         ({"decay": 0.15}, SPEEDS, HEADING),
         ({"cross": 0.0}, SPEEDS, HEADING),
-        ({"cross": 0.2}, SPEEDS, HEADING),
+        ({"cross": 0.1}, SPEEDS, HEADING),
         ({"k3": 3.0}, SPEEDS, HEADING),
-        ({"k2": 6.0}, SPEEDS, HEADING),
+        ({"k2": 4.0}, SPEEDS, HEADING),
         ({}, ("0.02", "0.22"), HEADING),
         ({}, SPEEDS, 1.3),
     ],

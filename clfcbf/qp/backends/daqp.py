@@ -60,17 +60,22 @@ class DaqpBackend:
         import daqp
 
         n, m = problem.n, problem.m
-        upper = np.minimum(np.concatenate((problem.ub, problem.h, problem.b)), _NO_BOUND)
+        rows = np.concatenate((problem.G, problem.A))
+        right = np.concatenate((problem.h, problem.b))
+        # To length one, by powers of two: DAQP takes rows of length 1e-7 for zero.
+        shorten = -np.frexp(np.max(np.abs(rows), axis=1, initial=0.0))[1]
+        right = np.ldexp(right, shorten)
+        upper = np.minimum(np.concatenate((problem.ub, right)), _NO_BOUND)
         lower = np.full(upper.size, -_NO_BOUND)
         np.maximum(problem.lb, -_NO_BOUND, out=lower[:n])
-        lower[n + m :] = problem.b
+        lower[n + m :] = right[m:]
         sense = np.zeros(upper.size, dtype=np.int32)
         sense[n + m :] = _EQUALITY
         limits = {} if time_limit is None else {"time_limit": time_limit}
         x, _, flag, info = daqp.solve(
             np.array(problem.P),
             np.array(problem.q),
-            np.concatenate((problem.G, problem.A)),
+            np.ldexp(rows, shorten[:, None]),
             upper,
             lower,
             sense,
@@ -82,7 +87,8 @@ class DaqpBackend:
         message = f"exit flag {int(flag)}"
         if not status.found:
             return QpSolution(None, status, self.name, message=message)
-        dual = np.asarray(info["lam"], dtype=np.float64)
+        dual = np.array(info["lam"], dtype=np.float64)
+        dual[n:] = np.ldexp(dual[n:], shorten)
         return QpSolution(
             np.asarray(x, dtype=np.float64),
             status,
