@@ -51,7 +51,7 @@ cbfpy's fastest and most exact setting against our whole tick."""
 
 def measure(
     programs: int = 2000,
-    repeats: int = 5,
+    repeats: int = 3,
     seed: int = 0,
     *,
     sizes: Sequence[int] = throughput.SIZES,

@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark; 0 whatever it found."""
     parser = argparse.ArgumentParser(prog="benchmarks.step_latency", description=__doc__)
     parser.add_argument("--programs", type=_at_least_one, default=2000, help="recorded ticks")
-    parser.add_argument("--repeats", type=_at_least_one, default=5, help="rounds over all of them")
+    parser.add_argument("--repeats", type=_at_least_one, default=3, help="rounds over all of them")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path, metavar="FILE", help="overwritten")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="PNG, PDF or SVG, by its ending")

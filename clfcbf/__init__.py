@@ -1,5 +1,6 @@
 """Safe docking control for nonholonomic robots."""
 
+from clfcbf.batch import BatchDecision, BatchState, filter_batch
 from clfcbf.camera import FieldOfView
 from clfcbf.constraints.barrier import Barrier
 from clfcbf.constraints.cbf import FieldOfViewBarrier
@@ -20,12 +21,15 @@ from clfcbf.qp import QpSolution, QpStatus, QuadraticProgram, available_backends
 from clfcbf.safety_filter import SafetyFilter
 from clfcbf.scene import Observation, Reference, Scene
 from clfcbf.se2 import Pose2, Twist, arc, wrap_angle
+from clfcbf.trajectories.planner import Plan, Planner, plan_approach
 
 __version__ = "0.1.0"
 
 __all__ = [
     "BackendError",
     "Barrier",
+    "BatchDecision",
+    "BatchState",
     "Chassis",
     "ClfcbfError",
     "ConfigurationError",
@@ -39,6 +43,8 @@ __all__ = [
     "MissingExtraError",
     "Observation",
     "Phase",
+    "Plan",
+    "Planner",
     "PlanningError",
     "Pose2",
     "QpSolution",
@@ -53,6 +59,8 @@ __all__ = [
     "Twist",
     "arc",
     "available_backends",
+    "filter_batch",
+    "plan_approach",
     "solve_qp",
     "wrap_angle",
 ]

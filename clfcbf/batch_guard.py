@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from clfcbf.camera import FieldOfView
-from clfcbf.guard import _FALLBACKS, ROUNDING
+from clfcbf.guard import FALLBACKS, ROUNDING
 from clfcbf.limits import Limits
 from clfcbf.qp.batch_geometry import Array, Flags, Mask
 
@@ -140,7 +140,8 @@ class ArrayGuard:
         blur = np.abs(body[0] * twist[1] - twist[0] * body[1]) * duration * self.lag
         coasted = arcs(body, self.lag)
         poses = coasted, braked, composed(coasted, braked)
-        return self.clearance(points, poses, blur) >= floor
+        here = np.minimum(floor, self.clearance(points, (), blur))
+        return self.clearance(points, poses, blur) >= np.where(floor < 0.0, here, floor)
 
     def filter(
         self, wanted: Array, points: Array, body: Array, box: Array, last: Brakes
@@ -206,7 +207,7 @@ class ArrayGuard:
 def between(safe: Array, wanted: Array, box: Array) -> Iterator[Array]:
     """Commands ever closer from the wanted one to the brake, all inside the box."""
     way = wanted - safe
-    for share in _FALLBACKS:
+    for share in FALLBACKS:
         yield clipped(box, safe + share * way)
     yield clipped(box, np.stack((safe[0], wanted[1])))
     yield clipped(box, np.stack((wanted[0], safe[1])))

@@ -15,7 +15,7 @@ from clfcbf.qp.batch_chunks import Chunk
 from clfcbf.qp.batch_geometry import Array, Flags, Mask, excess
 from clfcbf.qp.batch_objective import Objectives
 from clfcbf.qp.lexicographic import Weight
-from clfcbf.tick import _TOLERANCE
+from clfcbf.tick import TOLERANCE
 
 __all__ = ["STATUSES", "BatchConfig", "Ticked", "tick"]
 
@@ -77,7 +77,7 @@ def tick(
     outcome = guard.filter(wanted, points, body, box, brakes)
     slack = answer.slacks[0]
     codes = (Status.OPTIMAL, Status.BARRIER_RELAXED, Status.GUARDED, Status.BRAKING)
-    code = np.where(slack > _TOLERANCE, 1, 0)
+    code = np.where(slack > TOLERANCE, 1, 0)
     code[outcome.verdict == REPLACED] = 2
     code[outcome.verdict == BRAKED] = 3
     status = np.array([_CODE[each] for each in codes]).take(code)
@@ -155,8 +155,8 @@ def _verified(rows: Array, twist: Array, slack: Array) -> Mask:
     fine = np.ones(slack.shape, dtype=np.bool_)
     for row in rows:
         over = excess(row, *twist)
-        at = np.flatnonzero(over > _TOLERANCE)
+        at = np.flatnonzero(over > TOLERANCE)
         a, c, b = row[:, at]
-        room = slack[at] * np.hypot(a, c) + _TOLERANCE * (1.0 + np.abs(b))
+        room = slack[at] * np.hypot(a, c) + TOLERANCE * (1.0 + np.abs(b))
         fine[at] &= (over[at] <= room) | ((a == 0.0) & (c == 0.0))
     return fine

@@ -37,7 +37,7 @@ _REST = Twist(0.0, 0.0)
 ROUNDING = 1e-12
 """[m/s, rad/s] What a brake may stick out of the input box by arithmetic alone."""
 
-_FALLBACKS = (0.75, 0.5, 0.25)
+FALLBACKS = (0.75, 0.5, 0.25)
 """Shares of the way from the brake to the wanted command that are tried in between."""
 
 
@@ -152,6 +152,8 @@ class Guard:
             return self.clearance(scene, (*HERE, braked)) >= floor
         blur = abs(body[0] * twist[1] - twist[0] * body[1]) * duration * self.lag
         coasted = arc(body, self.lag)
+        if floor < 0.0:  # outside, the blur is no reason to refuse the way back
+            floor = min(floor, self.clearance(scene, HERE, blur))
         corners = (*HERE, coasted, braked, coasted.compose(braked))
         return self.clearance(scene, corners, blur) >= floor
 
@@ -196,7 +198,7 @@ def _between(safe: Twist, wanted: Twist, box: InputBox) -> Iterator[Twist]:
     """Commands ever closer from the wanted one to the brake, all inside the box."""
     v, omega = safe
     dv, dw = wanted[0] - v, wanted[1] - omega
-    for share in _FALLBACKS:
+    for share in FALLBACKS:
         yield box.clip(Twist(v + share * dv, omega + share * dw))
     yield box.clip(Twist(v, wanted[1]))
     yield box.clip(Twist(wanted[0], omega))

@@ -46,7 +46,7 @@ __all__ = [
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
 _REST = Twist(0.0, 0.0)
 
-_TOLERANCE = 1e-9
+TOLERANCE = 1e-9
 """Rounding allowed when an answer is verified [m/s and rad/s]."""
 
 
@@ -237,14 +237,14 @@ def _levels(blocks: tuple[Rows, ...]) -> tuple[list[int], list[Sequence[Row]]]:
 def _verified(answer: LexicographicSolution, box: InputBox, levels: list[Sequence[Row]]) -> bool:
     """Whether an answer is in the box and keeps each row up to its level's slack."""
     v, omega = answer.v, answer.omega
-    if not box.contains(Twist(v, omega), _TOLERANCE):
+    if not box.contains(Twist(v, omega), TOLERANCE):
         return False
     for level, slack in zip(levels, answer.slacks, strict=True):
         for a, c, b in level:
             excess = a * v + c * omega - b
             if excess <= 0.0 or not (a or c):  # a zero row is met by no command, or by all
                 continue
-            if not excess <= slack * math.hypot(a, c) + _TOLERANCE * (1.0 + abs(b)):
+            if not excess <= slack * math.hypot(a, c) + TOLERANCE * (1.0 + abs(b)):
                 return False
     return True
 
@@ -256,9 +256,9 @@ def _status(outcome: Guarded, slack: float, barrier_slack: float) -> Status:
         return Status.BRAKING
     if outcome.verdict is Verdict.REPLACED:
         return Status.GUARDED
-    if barrier_slack > _TOLERANCE:
+    if barrier_slack > TOLERANCE:
         return Status.BARRIER_RELAXED
-    return Status.RELAXED if slack > _TOLERANCE else Status.OPTIMAL
+    return Status.RELAXED if slack > TOLERANCE else Status.OPTIMAL
 
 
 def motion_to_now(config: FilterConfig, begun: Begun, scene: Scene) -> Pose2 | Status:

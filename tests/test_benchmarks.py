@@ -17,7 +17,7 @@ from clfcbf.simulation.scenarios import LIMITS
 
 ROW = {"name", "what", "median_us", "p99_us", "p999_us", "worst_error", "wrong", "failed"}
 RATIOS = {"ipopt_over_tick", "ipopt_over_exact", "cbfpy_over_tick"}
-PROGRAMS = 24
+PROGRAMS = 12
 
 
 def installed(*names):
@@ -31,7 +31,7 @@ def stream():
 
 @pytest.fixture(scope="module")
 def result():
-    measured = latency.measure(PROGRAMS, 2, sizes=(50,), counts=(0, 200), stress=8)
+    measured = latency.measure(PROGRAMS, 2, sizes=(50,), counts=(0, 200), stress=4)
     return json.loads(json.dumps(measured, allow_nan=False))
 
 

@@ -231,3 +231,20 @@ def test_a_chassis_that_did_not_follow_voids_the_certificate():
 def test_bad_lag(lag):
     with pytest.raises(ConfigurationError, match="lag"):
         Guard(Limits(1, 1, 1, 1), (), PERIOD, lag)
+
+
+def test_recovery_from_outside_does_not_stall_with_lag():
+    """A lagging body outside the view is turned back in, not started and stopped."""
+    camera = FieldOfView(math.radians(35), Pose2(0.2, 0, 0))
+    limits = Limits(0.22, 0.4, 0.3, 1.0)
+    guard = guard_of(camera, limits, lag=0.28, margin=math.radians(3))
+    scene = scene_at(camera, 1.5, math.radians(38))
+    body, applied, brake = REST, REST, Brake(REST, 0)
+    for _ in range(90):
+        box = limits.input_box(applied, PERIOD)
+        inward = box.clip(Twist(0.0, -1.5 * min(guard.clearance(scene), 0.0)))
+        outcome = guard.filter(inward, scene, body, box, brake)
+        brake, applied = outcome.brake, outcome.twist
+        body, mean = body_after(body, applied, PERIOD, 0.12)
+        scene = moved_scene(scene, arc(mean, PERIOD))
+    assert guard.clearance(scene) > math.radians(-0.3)

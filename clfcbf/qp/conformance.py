@@ -14,6 +14,7 @@ import numpy as np
 from clfcbf.errors import BackendError
 from clfcbf.qp.backends import Backend, Capability, get_backend
 from clfcbf.qp.conformance_families import Case, cases
+from clfcbf.qp.health import CORRECTED
 from clfcbf.qp.problem import QuadraticProgram
 from clfcbf.qp.solve import solve_qp
 from clfcbf.qp.verify import is_convex
@@ -44,6 +45,7 @@ class FamilyResult(NamedTuple):
     declined : refused with a BackendError that the capability announces
     failed : neither
     refused : points the solver gave that did not stand verification, whatever came of it
+    corrected : points that the polish put right, see :attr:`clfcbf.qp.QpSolution.moved`
     worst_error : of the answers that agreed, relative to the size of the variables
     """
 
@@ -53,6 +55,7 @@ class FamilyResult(NamedTuple):
     declined: int = 0
     failed: int = 0
     refused: int = 0
+    corrected: int = 0
     worst_error: float = 0.0
 
 
@@ -104,11 +107,11 @@ class ConformanceReport(NamedTuple):
         lines = [
             f"{self.backend}: {'passed' if self.passed else 'FAILED'}",
             f"{'family':22}{'programs':>9}{'agreed':>8}{'declined':>9}{'failed':>7}"
-            f"{'refused':>8}{'worst error':>13}",
+            f"{'refused':>8}{'corrected':>10}{'worst error':>13}",
         ]
         lines += [
             f"{r.family:22}{r.programs:9}{r.agreed:8}{r.declined:9}{r.failed:7}{r.refused:8}"
-            f"{r.worst_error:13.1e}"
+            f"{r.corrected:10}{r.worst_error:13.1e}"
             for r in self.families
         ]
         if self.first_failure is not None:
@@ -123,6 +126,7 @@ class _Outcome(NamedTuple):
     failure: str
     declined: bool = False
     refused: bool = False
+    corrected: bool = False
     error: float = 0.0
 
 
@@ -160,6 +164,7 @@ def check_backend(
             r.declined + outcome.declined,
             r.failed + bool(outcome.failure),
             r.refused + outcome.refused,
+            r.corrected + outcome.corrected,
             max(r.worst_error, outcome.error),
         )
         if outcome.failure and first is None:
@@ -192,15 +197,15 @@ def _try(solver: Backend, case: Case) -> _Outcome:
     problem = case.problem
     try:
         answer = solve_qp(problem, solver, fallback=())
-    except BackendError as error:
+    except BackendError as reason:
         if _may_decline(solver.capability, problem):
             return _Outcome("", declined=True)
-        return _Outcome(f"declined without reason: {error}")
+        return _Outcome(f"declined without reason: {reason}")
     refused = any(attempt.refused for attempt in answer.attempts)
     if answer.status not in case.expected:
         wanted = " or ".join(status.value for status in case.expected)
-        reason = f"expected {wanted}, got {answer.status.value} ({answer.message})"
-        return _Outcome(reason, refused=refused)
+        failure = f"expected {wanted}, got {answer.status.value} ({answer.message})"
+        return _Outcome(failure, refused=refused)
     if case.x is None:
         return _Outcome("" if answer.x is None else "x is filled without an answer")
     if answer.x is None:
@@ -208,4 +213,4 @@ def _try(solver: Backend, case: Case) -> _Outcome:
     error = float(np.abs(answer.x - case.x).max() / case.size)
     if not error <= TOLERANCE:
         return _Outcome(f"error {error:.1e}: x = {answer.x.tolist()}, not {case.x.tolist()}")
-    return _Outcome("", refused=refused, error=error)
+    return _Outcome("", refused=refused, corrected=answer.moved > CORRECTED, error=error)

@@ -38,7 +38,7 @@ class Case(NamedTuple):
 
     Attributes
     ----------
-    family, index : where it comes from
+    family, number : where it comes from
     problem : the program
     expected : statuses that are right
     x : the answer, or None where there is none
@@ -46,14 +46,14 @@ class Case(NamedTuple):
     """
 
     family: str
-    index: int
+    number: int
     problem: QuadraticProgram
     expected: frozenset[QpStatus]
     x: Array | None = None
     size: float = 1.0
 
     def __str__(self) -> str:
-        return f"{self.family}-{self.index}"
+        return f"{self.family}-{self.number}"
 
 
 class _Data(NamedTuple):

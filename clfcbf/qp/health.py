@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 from clfcbf.qp.lexicographic import BackendHealth
 from clfcbf.qp.problem import Attempt, QpStatus
 
-__all__ = ["Counts", "SolverHealth"]
+__all__ = ["CORRECTED", "Counts", "SolverHealth"]
 
-_PROVED = frozenset(
-    {QpStatus.OPTIMAL, QpStatus.RELAXED, QpStatus.INFEASIBLE, QpStatus.UNBOUNDED}
-)
+CORRECTED = 1e-6
+"""Scaled change by the polish from which on a solver's own answer counts as wrong."""
+
+_PROVED = frozenset({QpStatus.OPTIMAL, QpStatus.RELAXED, QpStatus.INFEASIBLE, QpStatus.UNBOUNDED})
 
 
 @dataclass(slots=True)
@@ -23,6 +24,7 @@ class Counts:
     ----------
     asked : programs put to it
     used : answers, or proofs that there is none, that were passed on
+    corrected : of those used, the ones that the polish had to move by over :data:`CORRECTED`
     refused : answers that did not stand verification
     failed : programs it gave no answer to, an exception included
     slowest : longest time it took [s]
@@ -30,6 +32,7 @@ class Counts:
 
     asked: int = 0
     used: int = 0
+    corrected: int = 0
     refused: int = 0
     failed: int = 0
     slowest: float = 0.0
@@ -62,6 +65,7 @@ class SolverHealth:
             counts.slowest = max(counts.slowest, attempt.seconds)
             if status in _PROVED:
                 counts.used += 1
+                counts.corrected += attempt.moved > CORRECTED
             elif attempt.refused:
                 counts.refused += 1
             else:
@@ -88,8 +92,8 @@ class SolverHealth:
 
     def __str__(self) -> str:
         lines = [
-            f"{name}: {c.asked} asked, {c.used} used, {c.refused} refused, {c.failed} failed, "
-            f"slowest {1e3 * c.slowest:.3g} ms"
+            f"{name}: {c.asked} asked, {c.used} used, {c.corrected} corrected, "
+            f"{c.refused} refused, {c.failed} failed, slowest {1e3 * c.slowest:.3g} ms"
             for name, c in self.backends.items()
         ]
         lines.append(f"{self.fallbacks} by a fallback, {self.unsettled} unsettled")

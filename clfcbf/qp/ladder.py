@@ -1,4 +1,4 @@
-r"""The lexicographic program through any backend.
+r"""The lexicographic program through any backend, and which of its levels may give way.
 
 The slacks of the levels are geometry and always exact; the last step, the projection of the
 nominal command onto what the levels leave, is a strictly convex quadratic program that a named
@@ -22,7 +22,7 @@ from clfcbf.qp.lexicographic import (
 )
 from clfcbf.qp.problem import QpStatus, QuadraticProgram
 
-__all__ = ["AGREEMENT", "solve_ladder"]
+__all__ = ["AGREEMENT", "ask", "solve_ladder"]
 
 AGREEMENT = 1e-6
 """Largest distance to the exact command [m/s, rad/s]: under what a drive can resolve."""
@@ -55,32 +55,46 @@ def solve_ladder(
     exact = solve_lexicographic(weight, nominal, box, levels)
     if exact is None or backend == "exact":
         return exact
-    solver = get_backend(backend) if isinstance(backend, str) else backend
     problem = _last_program(weight, nominal, box, levels, exact)
-    try:
-        claim = solver.solve(problem)
-    except Exception as error:  # solvers raise what they please; the exact answer is at hand
-        note = f"{type(error).__name__}: {error}"
-        return exact._replace(
-            health=BackendHealth(solver.name, False, QpStatus.NUMERICAL_ERROR.value, math.inf, note)
-        )
-    if claim.x is None or not claim.status.found or claim.x.shape != (2,):
-        health = BackendHealth(solver.name, False, claim.status.value, math.inf, claim.message)
+    point, health = ask(get_backend(backend), problem, (exact.v, exact.omega))
+    if point is None:
         return exact._replace(health=health)
-    v, omega = claim.x.tolist()
-    distance = math.hypot(v - exact.v, omega - exact.omega)
-    admitted: LexicographicSolution | None = None
     # The backend's tolerance must not become the limits' and the barriers': its point moves to
     # the nearest one that box and relaxed rows admit, to the last bit.
-    if distance <= AGREEMENT:
-        admitted = solve_lexicographic(weight, (v, omega), box, levels)
-    if admitted is None:  # NaN and infinity included
-        note = f"({v!r}, {omega!r}) is not within {AGREEMENT!r} of the exact answer"
-        far = distance if distance < math.inf else math.inf
-        health = BackendHealth(solver.name, False, claim.status.value, far, note)
-        return exact._replace(health=health)
-    health = BackendHealth(solver.name, True, claim.status.value, distance, claim.message)
+    admitted = solve_lexicographic(weight, point, box, levels)
+    if admitted is None:
+        return exact._replace(health=health._replace(used=False))
     return exact._replace(v=admitted.v, omega=admitted.omega, health=health)
+
+
+def ask(
+    solver: Backend, problem: QuadraticProgram, exact: tuple[float, float]
+) -> tuple[tuple[float, float] | None, BackendHealth]:
+    """A backend's command for ``problem`` if it is the exact one to :data:`AGREEMENT`.
+
+    Whatever the backend does, an exception and an answer of no known kind included, is told in
+    the health. The command is made of the first two variables.
+    """
+    try:
+        name = str(solver.name)
+        claim = solver.solve(problem)
+        status, note = QpStatus(claim.status), str(claim.message)
+        if claim.x is None or not status.found:
+            return None, BackendHealth(name, False, status.value, math.inf, note)
+        if claim.x.shape != (problem.n,):
+            note = f"answer of shape {claim.x.shape}, expected {(problem.n,)}"
+            return None, BackendHealth(name, False, status.value, math.inf, note, True)
+        v, omega = (float(number) for number in claim.x[:2])
+        distance = math.hypot(v - exact[0], omega - exact[1])
+    except Exception as error:  # solvers raise what they please; the exact answer is at hand
+        name = str(getattr(solver, "name", type(solver).__name__))
+        note = f"{type(error).__name__}: {error}"
+        return None, BackendHealth(name, False, QpStatus.NUMERICAL_ERROR.value, math.inf, note)
+    if distance <= AGREEMENT:
+        return (v, omega), BackendHealth(name, True, status.value, distance, note)
+    note = f"({v!r}, {omega!r}) is not within {AGREEMENT!r} of the exact answer"
+    far = distance if distance < math.inf else math.inf  # NaN becomes infinity
+    return None, BackendHealth(name, False, status.value, far, note, True)
 
 
 def _last_program(

@@ -83,8 +83,8 @@ class QuadraticProgram:
 
     Raises
     ------
-    ConfigurationError : a shape does not fit, P is not symmetric, or G comes without h, A without b,
-        or the other way round
+    ConfigurationError : a shape does not fit, P is not symmetric, or of G and h, or A and b, only
+        one is given
 
     Notes
     -----
@@ -201,6 +201,7 @@ class Attempt(NamedTuple):
     seconds : how long it took [s]
     message : what it said, or what was wrong
     refused : whether it gave an answer that did not stand verification
+    moved : by how much its answer was polished, see :class:`QpSolution`
     """
 
     backend: str
@@ -208,6 +209,7 @@ class Attempt(NamedTuple):
     seconds: float
     message: str = ""
     refused: bool = False
+    moved: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -225,6 +227,8 @@ class QpSolution:
     message : what the backend said, or what was wrong
     dual_equalities : multipliers of the rows :math:`Az = b`, of any sign, shape (p,), or None
     attempts : every backend asked, in order; filled in by :func:`clfcbf.solve_qp`
+    moved : largest change of an entry of the solver's own point by the polish, over
+        :math:`1 + |z|_\infty`; large where the solver was wrong and was put right
     """
 
     x: Array | None
@@ -236,6 +240,7 @@ class QpSolution:
     message: str = ""
     dual_equalities: Array | None = None
     attempts: tuple[Attempt, ...] = ()
+    moved: float = 0.0
 
     @property
     def found(self) -> bool:

@@ -25,9 +25,7 @@ FALLBACK = ("exact", "daqp", "clarabel")
 """Who is asked next where a backend fails: no rounding, then an active set, then the one solver
 that was never seen to claim a wrong answer."""
 
-_SETTLED = frozenset(
-    {QpStatus.OPTIMAL, QpStatus.RELAXED, QpStatus.INFEASIBLE, QpStatus.UNBOUNDED}
-)
+_SETTLED = frozenset({QpStatus.OPTIMAL, QpStatus.RELAXED, QpStatus.INFEASIBLE, QpStatus.UNBOUNDED})
 """Statuses that were proved here: nobody else need be asked."""
 
 
@@ -134,7 +132,9 @@ def _attempt(solver: Backend, problem: QuadraticProgram, time_limit: float | Non
         status = _unanswered(problem, QpStatus.NUMERICAL_ERROR)
         solution = QpSolution(None, status, solver.name, message=message)
     seconds = time.perf_counter() - begun
-    attempt = Attempt(solver.name, solution.status, seconds, solution.message, refused)
+    attempt = Attempt(
+        solver.name, solution.status, seconds, solution.message, refused, solution.moved
+    )
     return replace(solution, attempts=(attempt,))
 
 

@@ -111,7 +111,9 @@ def _optimality(
         np.abs(bounds),
     )
     curvature = P.diagonal()
-    size = np.max(terms, axis=0) + np.where(curvature > 0.0, curvature, curvature.max() if curvature.any() else 1.0)
+    size = np.max(terms, axis=0) + np.where(
+        curvature > 0.0, curvature, curvature.max() if curvature.any() else 1.0
+    )
     push = np.max(np.abs(G) / size, axis=1, initial=0.0)  # of a row with multiplier one
     wrong = (
         np.abs(left) / size,

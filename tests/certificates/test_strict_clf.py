@@ -156,7 +156,7 @@ def test_it_decays():
 
 
 def test_it_is_positive_definite():
-    r"""With p = sin(theta/2), q = cos(theta/2) it is x²/2 + y²/2 + 2 eps q y p + 2 p²/k2: Sylvester.
+    r"""With p = sin(theta/2), q = cos(theta/2): x²/2 + y²/2 + 2 eps q y p + 2 p²/k2, Sylvester.
 
     For |q| <= 1 the determinant is at least 1/k2 - eps², in rationals.
     """

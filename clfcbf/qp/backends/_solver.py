@@ -7,7 +7,7 @@ import os
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -110,8 +110,10 @@ class SolverBackend:
         if claim.y is None:
             return QpSolution(None, claim.status, self._name, message=claim.message)
         y, dual, status, message = claim.y, claim.dual, claim.status, claim.message
+        moved = 0.0
         polished = polish(form, y, dual)
         if polished is not None:
+            moved = float(np.abs(polished[0] - y).max() / (1.0 + np.abs(polished[0]).max()))
             y, dual = polished
             if not status.found:
                 # The point was near enough to name the active rows: then it is the answer.
@@ -127,10 +129,11 @@ class SolverBackend:
             duals.bounds,
             message=message,
             dual_equalities=duals.equalities,
+            moved=moved,
         )
 
     def _ask(self, form: Form, time_limit: float | None) -> Claim:
-        kept: dict[object, Workspace] = self._kept.__dict__
+        kept: dict[Any, Workspace] = self._kept.__dict__
         shape = form.shape
         workspace = kept.pop(shape, None)
         if workspace is None:

@@ -43,7 +43,10 @@ _PLUGINS: dict[str, tuple[str, dict[str, Any]]] = {
     ),
     "piqp": ("BSD-2-Clause", {"piqp": {"eps_abs": _TIGHT, "eps_rel": 0.0}}),
     "proxqp": ("BSD-2-Clause", {"proxqp": {"eps_abs": _TIGHT, "verbose": False}}),
-    "qrqp": ("LGPL-3.0-or-later", {"print_iter": False, "print_header": False, "print_info": False}),
+    "qrqp": (
+        "LGPL-3.0-or-later",
+        {"print_iter": False, "print_header": False, "print_info": False},
+    ),
 }
 """Licence and options of each plugin that the wheel brings and that answers dense programs."""
 

@@ -92,10 +92,10 @@ class _Workspace:
         if answer.x is None:
             return Claim(status, message=message)
         dual = None
-        if answer.z is not None and (answer.y is not None or not equal):
-            forces = answer.y if equal else np.zeros(0)
-            if np.size(answer.z) == h.size and np.size(forces) == equal:
-                dual = form.two_sided_dual(forces, answer.z)
+        y = np.zeros(0) if answer.y is None else np.asarray(answer.y)
+        z = np.zeros(0) if answer.z is None else np.asarray(answer.z)
+        if y.size == equal and z.size == h.size:
+            dual = form.two_sided_dual(y, z)
         return Claim(status, np.array(answer.x), dual, message)
 
 
