@@ -140,8 +140,8 @@ class ArrayGuard:
         blur = np.abs(body[0] * twist[1] - twist[0] * body[1]) * duration * self.lag
         coasted = arcs(body, self.lag)
         poses = coasted, braked, composed(coasted, braked)
-        here = np.minimum(floor, self.clearance(points, (), blur))
-        return self.clearance(points, poses, blur) >= np.where(floor < 0.0, here, floor)
+        unavoidable = np.minimum(floor, self.clearance(points, (coasted,), blur))
+        return self.clearance(points, poses, blur) >= np.where(floor < 0.0, unavoidable, floor)
 
     def filter(
         self, wanted: Array, points: Array, body: Array, box: Array, last: Brakes

@@ -152,9 +152,10 @@ class Guard:
             return self.clearance(scene, (*HERE, braked)) >= floor
         blur = abs(body[0] * twist[1] - twist[0] * body[1]) * duration * self.lag
         coasted = arc(body, self.lag)
-        if floor < 0.0:  # outside, the blur is no reason to refuse the way back
-            floor = min(floor, self.clearance(scene, HERE, blur))
-        corners = (*HERE, coasted, braked, coasted.compose(braked))
+        unavoidable = (*HERE, coasted)
+        if floor < 0.0:  # outside, what no command can change is no reason to refuse the way back
+            floor = min(floor, self.clearance(scene, unavoidable, blur))
+        corners = (*unavoidable, braked, coasted.compose(braked))
         return self.clearance(scene, corners, blur) >= floor
 
     def filter(
