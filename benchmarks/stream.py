@@ -189,7 +189,7 @@ def _tick(
     begun = begin(base, state, inputs.applied, now)
     motion = motion_to_now(base, begun, inputs.scene)
     assert isinstance(motion, Pose2)
-    ahead = motion.compose(begun.coast)
+    ahead = motion.moved(begun.reckoning.body, base.lag)
     return Tick(
         state, inputs, now, decision, program_of(decision),
         ahead.relative(inputs.reference.pose), ahead.relative(inputs.scene.feature),

@@ -16,11 +16,10 @@ from typing import Any, NamedTuple
 from clfcbf import defaults
 from clfcbf.camera import FieldOfView
 from clfcbf.constraints.barrier import Barrier
-from clfcbf.constraints.clf import kanayama_clf
+from clfcbf.constraints.clf import witnessed_clf
 from clfcbf.decision import Decision, Phase, Status
 from clfcbf.docking import DockingConfig, DockingInputs, DockingState, docking_tick
 from clfcbf.errors import ConfigurationError
-from clfcbf.guard import moved_scene
 from clfcbf.laws.kanayama import Kanayama
 from clfcbf.limits import Limits, check_period
 from clfcbf.safety_filter import as_barriers
@@ -94,11 +93,11 @@ def _tracked(
         return stop(begun, motion, base)
     if not is_finite((*reference.pose, *reference.twist)):
         return stop(begun, Status.INVALID_INPUT, base)
-    error = motion.compose(begun.coast).relative(reference.pose)
+    ahead = motion.moved(begun.reckoning.body, base.lag)
+    error = ahead.relative(reference.pose)
     nominal = begun.box.clip(config.law.command(error, reference.twist))
-    row = kanayama_clf(error, reference.twist, config.law, config.fraction)
-    row = row.attainable(nominal)
-    return finish(base, begun, nominal, moved_scene(scene, motion), (row,))
+    row = witnessed_clf(error, reference.twist, config.law, config.fraction, nominal)
+    return finish(base, begun, nominal, scene, motion, ahead, (row,))
 
 
 class TrackingController:

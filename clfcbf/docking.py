@@ -13,18 +13,20 @@ from typing import NamedTuple
 
 from clfcbf import defaults
 from clfcbf.camera import FieldOfView
-from clfcbf.constraints.clf import kanayama_clf
+from clfcbf.constraints.clf import witnessed_clf
 from clfcbf.decision import Decision, Phase, Status
 from clfcbf.errors import ConfigurationError, PlanningError
 from clfcbf.estimation import NoiseModel, TargetEstimate, grown, measured, reckoned
 from clfcbf.laws.kanayama import Kanayama
 from clfcbf.scene import Observation, Scene
-from clfcbf.se2 import Pose2, Twist, is_finite
+from clfcbf.se2 import Pose2, Twist, arc, is_finite
 from clfcbf.tick import Begun, FilterConfig, FilterState, begin, failed, finish, stop
 from clfcbf.trajectories.build import arc_path
 from clfcbf.trajectories.following import Following, FollowingGains, at_rest, follow
 from clfcbf.trajectories.legs import Leg, Path
 from clfcbf.trajectories.planner import Planner
+
+_HERE = Pose2(0.0, 0.0, 0.0)
 
 __all__ = ["DockingConfig", "DockingInputs", "DockingState", "docking_tick", "observed"]
 
@@ -139,7 +141,8 @@ def _docked(
     if state.target is None:
         return _stopped(config, state, begun, Status.NO_TARGET)
     pose = state.target.goal.relative(begun.reckoning.pose)
-    ahead = pose.compose(begun.coast)
+    coast = arc(begun.reckoning.body, base.lag)
+    ahead = pose.compose(coast)
     if not state.legs:
         if not at_rest(begun.applied):
             return _stopped(config, state._replace(phase=Phase.STOPPING), begun, Status.OPTIMAL)
@@ -154,9 +157,9 @@ def _docked(
     goal = pose.inverse()
     scene = Scene(goal, goal.compose(state.offset), begun.reckoning.time)
     reference = following.reference
-    row = kanayama_clf(reference.pose, reference.twist, config.law, config.fraction)
-    wishes = (row.attainable(following.twist),)
-    decision, after = finish(base, begun, following.twist, scene, wishes)
+    nominal = following.twist
+    row = witnessed_clf(reference.pose, reference.twist, config.law, config.fraction, nominal)
+    decision, after = finish(base, begun, nominal, scene, _HERE, coast, (row,))
     resting = at_rest(decision.twist) and not following.arrived
     state = state._replace(base=after, s=following.s, stuck=state.stuck + 1 if resting else 0)
     if state.stuck * base.period > defaults.STUCK_TIME:

@@ -28,11 +28,12 @@ from clfcbf.constraints.barrier import HERE, Barrier
 from clfcbf.errors import ConfigurationError
 from clfcbf.limits import InputBox, Limits, check_period
 from clfcbf.scene import Scene
-from clfcbf.se2 import Pose2, Twist, arc
+from clfcbf.se2 import Pose2, Twist
 
 __all__ = ["Brake", "Guard", "Guarded", "Verdict", "moved_scene"]
 
 _REST = Twist(0.0, 0.0)
+_ORIGIN = HERE[0]
 
 ROUNDING = 1e-12
 """[m/s, rad/s] What a brake may stick out of the input box by arithmetic alone."""
@@ -120,15 +121,23 @@ class Guard:
         """The same-curvature brake from ``twist``."""
         return Brake(twist, self.limits.brake_ticks(twist, self.period))
 
-    def admissible(self, scene: Scene, body: Twist, brake: Brake, floor: float = 0.0) -> bool:
+    def admissible(
+        self,
+        scene: Scene,
+        body: Twist,
+        brake: Brake,
+        floor: float = 0.0,
+        motion: Pose2 = _ORIGIN,
+    ) -> bool:
         r"""Whether a brake is safe from here to rest, whatever the lag up to ``lag``.
 
         Parameters
         ----------
-        scene : goal and feature now
+        scene : goal and feature as seen before ``motion``
         body : twist of the body now
         brake : candidate command and the ticks its brake takes
         floor : clearance to be kept
+        motion : how the robot moved since the scene was seen
 
         Notes
         -----
@@ -147,29 +156,52 @@ class Guard:
         """
         twist, ticks = brake
         duration = 0.5 * self.period * (ticks + 1)
-        braked = arc(twist, duration)
+        braked = motion.moved(twist, duration)
         if not self.lag:
-            return self.clearance(scene, (*HERE, braked)) >= floor
+            return self.clearance(scene, (motion, braked)) >= floor
         blur = abs(body[0] * twist[1] - twist[0] * body[1]) * duration * self.lag
-        coasted = arc(body, self.lag)
-        unavoidable = (*HERE, coasted)
+        coasted = motion.moved(body, self.lag)
+        unavoidable = (motion, coasted)
         if floor < 0.0:  # outside, what no command can change is no reason to refuse the way back
             floor = min(floor, self.clearance(scene, unavoidable, blur))
-        corners = (*unavoidable, braked, coasted.compose(braked))
+        corners = (*unavoidable, braked, coasted.moved(twist, duration))
         return self.clearance(scene, corners, blur) >= floor
 
+    def _around(
+        self, scene: Scene, body: Twist, brake: Brake, motion: Pose2
+    ) -> tuple[float, float]:
+        """Clearance now, and a lower bound of it until the brake has come to rest."""
+        (v, omega), (v_body, omega_body) = brake.twist, body
+        duration, lag = 0.5 * self.period * (brake.ticks + 1), self.lag
+        turn = abs(omega) * duration + abs(omega_body) * lag
+        travel = abs(v) * duration + abs(v_body) * lag
+        blur = abs(v_body * omega - v * omega_body) * duration * lag
+        clearance = least = math.inf
+        for barrier in self.barriers:
+            here, bound = barrier.clearance_around(scene, motion, turn, travel, blur)
+            clearance = here if here < clearance else clearance
+            least = bound if bound < least else least
+        return clearance, least
+
     def filter(
-        self, wanted: Twist, scene: Scene, body: Twist, box: InputBox, brake: Brake
+        self,
+        wanted: Twist,
+        scene: Scene,
+        body: Twist,
+        box: InputBox,
+        brake: Brake,
+        motion: Pose2 = _ORIGIN,
     ) -> Guarded:
         """The admissible command nearest to ``wanted`` among a few, else the certified brake.
 
         Parameters
         ----------
         wanted : command to be checked, inside ``box``
-        scene : goal and feature now
+        scene : goal and feature as seen before ``motion``
         body : modelled twist of the body now
         box : commands reachable this tick
         brake : the brake certified at the last tick
+        motion : how the robot moved since the scene was seen
 
         Notes
         -----
@@ -177,17 +209,19 @@ class Guard:
         the one there is: what does not make things worse is admissible, so the robot can turn
         back. Where no barrier says which way back is (minus infinity) it brakes.
         """
-        clearance = self.clearance(scene)
-        floor = min(0.0, clearance)
         new = self.brake_from(wanted)
-        if clearance > -math.inf and self.admissible(scene, body, new, floor):
+        clearance, least = self._around(scene, body, new, motion)
+        floor = min(0.0, clearance)
+        if least >= 0.0 or (
+            clearance > -math.inf and self.admissible(scene, body, new, floor, motion)
+        ):
             return Guarded(wanted, new, Verdict.ADMITTED, True, clearance)
         last = brake.next()
         safe = box.clip(last.twist)
         if clearance > -math.inf:
             for other in _between(safe, wanted, box):
                 new = self.brake_from(other)
-                if self.admissible(scene, body, new, floor):
+                if self.admissible(scene, body, new, floor, motion):
                     return Guarded(other, new, Verdict.REPLACED, True, clearance)
         # Outside the box the chassis did not follow the brake: its certificate is void.
         certified = box.contains(last.twist, ROUNDING)

@@ -27,10 +27,9 @@ class InputBox(NamedTuple):
         """The point of the box nearest to ``twist``, coordinate by coordinate."""
         v, omega = twist
         v_lo, v_hi, w_lo, w_hi = self
-        return Twist(
-            v_lo if v < v_lo else v_hi if v > v_hi else v,
-            w_lo if omega < w_lo else w_hi if omega > w_hi else omega,
-        )
+        v = v_lo if v < v_lo else v_hi if v > v_hi else v
+        omega = w_lo if omega < w_lo else w_hi if omega > w_hi else omega
+        return tuple.__new__(Twist, (v, omega))
 
     def contains(self, twist: Twist, tolerance: float = 0.0) -> bool:
         """Whether ``twist`` lies in the box, to ``tolerance`` in each coordinate."""

@@ -11,7 +11,6 @@ from clfcbf.camera import FieldOfView
 from clfcbf.constraints.barrier import Barrier
 from clfcbf.constraints.cbf import FieldOfViewBarrier
 from clfcbf.decision import Decision, Status
-from clfcbf.guard import moved_scene
 from clfcbf.limits import Limits, check_period
 from clfcbf.scene import Scene
 from clfcbf.se2 import Twist, is_finite
@@ -59,7 +58,8 @@ def _filtered(
         return stop(begun, motion, config)
     if not is_finite(nominal):
         return stop(begun, Status.INVALID_INPUT, config)
-    return finish(config, begun, Twist(*nominal), moved_scene(scene, motion))
+    ahead = motion.moved(begun.reckoning.body, config.lag)
+    return finish(config, begun, Twist(*nominal), scene, motion, ahead)
 
 
 def as_barriers(

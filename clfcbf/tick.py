@@ -24,7 +24,7 @@ from clfcbf.constraints.barrier import Barrier
 from clfcbf.constraints.rows import Priority, Row, Rows
 from clfcbf.decision import Decision, Status
 from clfcbf.errors import ConfigurationError, GeometryError
-from clfcbf.estimation import DeadReckoning, advance, coast, motion_since
+from clfcbf.estimation import DeadReckoning, advance, motion_since
 from clfcbf.guard import ROUNDING, Brake, Guard, Guarded, Verdict
 from clfcbf.limits import InputBox, Limits, check_period
 from clfcbf.qp import check_weight, get_backend, solve_ladder
@@ -109,14 +109,12 @@ class FilterState(NamedTuple):
 class Begun(NamedTuple):
     """A tick's start: the command in force, what can be reached from it, and the motion so far.
 
-    ``coast`` is where the body runs on to by itself, seen from the robot: commands act from
-    there on. ``fault`` is set where an input was not usable; the tick then ends in a brake.
+    ``fault`` is set where an input was not usable; the tick then ends in a brake.
     """
 
     applied: Twist
     box: InputBox
     reckoning: DeadReckoning
-    coast: Pose2
     brake: Brake
     fault: Status | None
 
@@ -146,11 +144,10 @@ def begin(config: FilterConfig, state: FilterState, applied: Twist, now: float) 
     try:
         if fault is not Status.CLOCK_ERROR and reckoning.time < now:
             reckoning = advance(reckoning, applied, now, config.lag)
-        ahead = coast(reckoning.body, config.lag)
     except (ValueError, OverflowError):  # finite, but no motion of a robot
         reckoning = DeadReckoning(reckoning.time, reckoning.pose, _REST, reckoning.past)
-        ahead, fault = _ORIGIN, Status.INVALID_INPUT
-    return Begun(applied, box, reckoning, ahead, state.brake, fault)
+        fault = Status.INVALID_INPUT
+    return Begun(applied, box, reckoning, state.brake, fault)
 
 
 def stop(begun: Begun, status: Status, config: FilterConfig) -> tuple[Decision, FilterState]:
@@ -175,17 +172,25 @@ def failed(begun: Begun, error: Exception, config: FilterConfig) -> tuple[Decisi
 
 
 def finish(
-    config: FilterConfig, begun: Begun, nominal: Twist, scene: Scene, wishes: tuple[Rows, ...] = ()
+    config: FilterConfig,
+    begun: Begun,
+    nominal: Twist,
+    scene: Scene,
+    motion: Pose2,
+    ahead: Pose2,
+    wishes: tuple[Rows, ...] = (),
 ) -> tuple[Decision, FilterState]:
     """Rows, program, verification and guard: from a nominal command to the one that is sent.
 
     Parameters
     ----------
     nominal : command of the law
-    scene : goal and feature as seen from the robot now
+    scene : goal and feature as seen from the robot before ``motion``
+    motion : how the robot moved since then
+    ahead : where its body coasts to, seen from there too; the commands act from there on
     wishes : rows below the barriers, such as a Lyapunov row, taken where the body coasts to
     """
-    rows = tuple([barrier.rows(scene, begun.coast) for barrier in config.barriers])
+    rows = tuple([barrier.rows(scene, ahead) for barrier in config.barriers])
     blocks = (*rows, *wishes)
     priorities, levels = _levels(blocks)
     answer = solve_ladder(config.weight, nominal, begun.box, levels, config.backend)
@@ -193,10 +198,9 @@ def finish(
         braked, after = stop(begun, Status.SOLVER_FAILED, config)
         asked = braked._replace(nominal=nominal, rows=blocks, weight=config.weight, answer=answer)
         return asked, after
-    wanted = Twist(answer.v, answer.omega)
-    if not begun.box.contains(wanted):
-        wanted = begun.box.clip(wanted)
-    outcome = config.guard.filter(wanted, scene, begun.reckoning.body, begun.box, begun.brake)
+    box, reckoning = begun.box, begun.reckoning
+    wanted = box.clip(Twist(answer.v, answer.omega))
+    outcome = config.guard.filter(wanted, scene, reckoning.body, box, begun.brake, motion)
     slack = barrier_slack = 0.0
     if answer.relaxed:
         for priority, amount in zip(priorities, answer.slacks, strict=True):
@@ -204,29 +208,30 @@ def finish(
                 slack = max(slack, amount)
             else:
                 barrier_slack = max(barrier_slack, amount)
+    twist, brake, _, certified, clearance = outcome
     decision = Decision(
-        outcome.twist,
+        twist,
         _status(outcome, slack, barrier_slack),
-        outcome.certified,
+        certified,
         nominal,
-        outcome.clearance,
+        clearance,
         slack,
         barrier_slack,
         blocks,
-        begun.box,
+        box,
         weight=config.weight,
         answer=answer,
         verdict=outcome.verdict,
         limits=config.limits,
     )
-    return decision, FilterState(begun.reckoning, outcome.brake, outcome.twist)
+    return decision, FilterState(reckoning, brake, twist)
 
 
 def _levels(blocks: tuple[Rows, ...]) -> tuple[list[int], list[Sequence[Row]]]:
     """The rows by priority, most important level first."""
-    priorities = [block.priority for block in blocks]
-    if all(map(int.__lt__, priorities, priorities[1:])):
-        return priorities, [block.coefficients for block in blocks]
+    if len(blocks) == 2 and blocks[0].priority < blocks[1].priority:  # as nearly always
+        first, second = blocks
+        return [first.priority, second.priority], [first.coefficients, second.coefficients]
     by_priority: dict[int, list[Row]] = {}
     for block in blocks:
         by_priority.setdefault(block.priority, []).extend(block.coefficients)
@@ -263,7 +268,7 @@ def _status(outcome: Guarded, slack: float, barrier_slack: float) -> Status:
 
 def motion_to_now(config: FilterConfig, begun: Begun, scene: Scene) -> Pose2 | Status:
     """How the robot moved since the scene's stamp, or the fault that makes it unusable."""
-    if not is_finite((*scene.goal, *scene.feature, scene.stamp)):
+    if not is_finite((*scene[0], *scene[1], scene[2])):
         return Status.INVALID_INPUT
     age = begun.reckoning.time - scene.stamp
     if age < -config.period:

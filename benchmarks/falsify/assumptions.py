@@ -6,8 +6,12 @@ import math
 from dataclasses import dataclass, fields, replace
 
 from clfcbf.errors import ConfigurationError
+from clfcbf.simulation.plant import DEFAULT_GYRO_BIAS, DEFAULT_LAG, DEFAULT_SLIP
 
-__all__ = ["BROKEN", "DECLARED", "SETS", "SINGLE", "Assumptions", "set_named"]
+__all__ = ["DECLARED", "GROUPS", "SETS", "Assumptions", "names_of", "set_named"]
+
+SIGMAS = 3.0
+"""Slip and gyro bias are normal in the simulated body; what is declared is three sigma of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +31,7 @@ class Assumptions:
     nudge : distance by which the feature is moved once in a run [m]
     missed : ticks in a row in which no command is computed and the last one stays, at most
     clip : share of the acceleration limits that the chassis really has
+    guarded : whether the filter has its guard; without it the rows alone protect the view
     """
 
     bearing: float = 0.0
@@ -35,12 +40,13 @@ class Assumptions:
     latency: float = 0.0
     stamp: float = 0.0
     dropouts: int = 0
-    lag: tuple[float, float] = (0.12, 0.12)
+    lag: tuple[float, float] = (DEFAULT_LAG, DEFAULT_LAG)
     scale: float = 0.0
     drift: float = 0.0
     nudge: float = 0.0
     missed: int = 0
     clip: float = math.inf
+    guarded: bool = True
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -58,38 +64,46 @@ DECLARED = Assumptions(
     stamp=0.03,
     dropouts=3,
     lag=(0.05, 0.25),
-    scale=0.03,
-    drift=math.radians(0.3),
+    scale=SIGMAS * DEFAULT_SLIP,
+    drift=SIGMAS * DEFAULT_GYRO_BIAS,
 )
-"""The bounds that the guarantee is stated for; slip and gyro bias are three sigma of the body's."""
+"""The bounds that the guarantee is stated for. Besides, the feature is at rest and stays farther
+from the camera than the run's end, and the chassis takes every command."""
 
-LATE = Assumptions(latency=0.12, dropouts=3)
-"""Nothing wrong but old frames, all else as the filter models it."""
+_LATE = Assumptions(latency=DECLARED.latency, dropouts=DECLARED.dropouts)
 
-SINGLE: dict[str, Assumptions] = {
-    "nothing": Assumptions(),
-    "only latency": LATE,
-    "only bearing": replace(LATE, bearing=DECLARED.bearing),
-    "only range": replace(LATE, range_offset=0.005, range_scale=0.02),
-    "only stamp": replace(LATE, stamp=DECLARED.stamp),
-    "only lag 0.05": replace(LATE, lag=(0.05, 0.05)),
-    "only lag 0.25": replace(LATE, lag=(0.25, 0.25)),
-    "only slip": replace(LATE, scale=DECLARED.scale, drift=DECLARED.drift),
+_SINGLE: dict[str, Assumptions] = {
+    "no error at all": Assumptions(),
+    "old frames": _LATE,
+    "only bearing": replace(_LATE, bearing=DECLARED.bearing),
+    "only range": replace(
+        _LATE, range_offset=DECLARED.range_offset, range_scale=DECLARED.range_scale
+    ),
+    "only stamps": replace(_LATE, stamp=DECLARED.stamp),
+    "only lag 0.05 s": replace(_LATE, lag=(0.05, 0.05)),
+    "only lag 0.25 s": replace(_LATE, lag=(0.25, 0.25)),
+    "only slip": replace(_LATE, scale=DECLARED.scale, drift=DECLARED.drift),
 }
-"""One source of error at a time, beside old frames."""
-
-BROKEN: dict[str, Assumptions] = {
+_BROKEN: dict[str, Assumptions] = {
     "slip 10 %": replace(DECLARED, scale=0.1),
     "lag 0.5 s": replace(DECLARED, lag=(0.5, 0.5)),
-    "stamp error 100 ms": replace(DECLARED, stamp=0.1),
+    "stamps off by 0.1 s": replace(DECLARED, stamp=0.1),
     "bearing error 3 deg": replace(DECLARED, bearing=math.radians(3.0)),
     "feature nudged 0.1 m": replace(DECLARED, nudge=0.1),
     "10 missed ticks": replace(DECLARED, missed=10),
     "chassis clips at half": replace(DECLARED, clip=0.5),
+    "guard off": replace(DECLARED, guarded=False),
 }
-"""The declared bounds with one of them broken."""
 
-SETS: dict[str, Assumptions] = {"declared": DECLARED, **SINGLE, **BROKEN}
+SETS: dict[str, Assumptions] = {"declared": DECLARED, **_SINGLE, **_BROKEN}
+
+GROUPS: dict[str, tuple[str, ...]] = {
+    "single": tuple(_SINGLE),
+    "broken": tuple(_BROKEN),
+    "all": (*_SINGLE, *_BROKEN),
+}
+"""``single``: one source of error at a time, beside old frames; ``broken``: the declared bounds
+with one of them broken, or the guard switched off."""
 
 
 def set_named(name: str) -> Assumptions:
@@ -97,3 +111,17 @@ def set_named(name: str) -> Assumptions:
     if name not in SETS:
         raise ConfigurationError(f"unknown assumptions {name!r}; choose from {', '.join(SETS)}")
     return SETS[name]
+
+
+def names_of(text: str, others: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """Sets by name or group, separated by commas, each once; ``others`` are names as well.
+
+    Raises ``ConfigurationError`` for a name that is neither.
+    """
+    names: dict[str, None] = {}
+    for word in filter(None, (part.strip() for part in text.split(","))):
+        if word not in GROUPS and word not in SETS and word not in others:
+            valid = ", ".join((*GROUPS, *SETS, *others))
+            raise ConfigurationError(f"unknown assumptions {word!r}; choose from {valid}")
+        names |= dict.fromkeys(GROUPS.get(word, (word,)))
+    return tuple(names)

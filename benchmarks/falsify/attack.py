@@ -1,7 +1,7 @@
-"""An attack: everything the adversary may choose in one run, as numbers in [-1, 1].
+"""An attack: everything the adversary chooses in one run, as numbers in [-1, 1].
 
-One vector holds it, so that a random attack, a scripted one and an optimiser's are one thing.
-Each number scales one bound of the assumptions, and an attack is therefore within any of them.
+Two arrays hold it, so that a random attack, a scripted one and an optimiser's are one thing.
+Each number scales one bound of the assumptions: no attack can leave them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ class Constants(NamedTuple):
     """What holds for a whole run.
 
     ``distance`` and ``bearing`` of the start, ``lag`` from the shortest to the longest, scale
-    errors of speed and turn rate, gyro ``drift``, instant and direction of the ``nudge``.
+    errors of speed and turn rate, gyro ``drift``, instant and direction of the nudge.
     """
 
     distance: float
@@ -34,10 +34,10 @@ class Constants(NamedTuple):
 class Move(NamedTuple):
     """What holds for one tick.
 
-    ``v`` and ``omega`` are the nominal command, in units of the limits; ``omega`` and
-    ``bearing`` count toward the nearer edge where the attack is ``outward``, so that +1 turns
-    the feature out of view and reports it farther inside than it is. ``frame`` > 0.5 holds the
-    frame back as long as the assumptions let it, ``tick`` > 0.5 the whole tick.
+    ``v`` and ``omega`` are the nominal command, in units of more than the limits. ``bearing``,
+    ``range`` and ``stamp`` are the errors of a frame that arrives now and ``latency`` its age,
+    -1 for a new one; ``frame`` > 0.5 withholds it as long as the assumptions allow, ``tick`` >
+    0.5 withholds the whole tick.
     """
 
     v: float
@@ -54,10 +54,11 @@ CONSTANTS, CHANNELS = len(Constants._fields), len(Move._fields)
 
 
 class Attack(NamedTuple):
-    """A plan of attack: constants, and moves that are held for ``hold`` ticks each.
+    """A plan: ``constants`` (8,), and ``moves`` (K, 8) that are held for ``hold`` ticks each.
 
-    ``outward`` gives the signs of turn rate and bearing error the meaning of :class:`Move`;
-    otherwise they are those of the robot frame.
+    Where it is ``outward``, turn rate and bearing error count from the side on which the
+    feature is: +1 turns it out of view and reports it farther inside than it is. Otherwise they
+    are those of the robot frame.
     """
 
     constants: NDArray[np.float64]

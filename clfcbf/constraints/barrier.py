@@ -48,3 +48,13 @@ class Barrier(Protocol):
         At least 0 exactly where the scene is safe; [rad] for an angle, [m] for a distance.
         Minus infinity where the rows give no guidance back into the safe set.
         """
+
+    def clearance_around(
+        self, scene: Scene, motion: Pose2, turn: float, travel: float, blur: float
+    ) -> tuple[float, float]:
+        """Clearance after ``motion``, and a lower bound of it over all that is near.
+
+        Near are the poses reached from there by turning at most ``turn`` [rad] and travelling
+        at most ``travel`` [m], each with the ``blur`` of :meth:`clearance`. The bound may be as
+        low as minus infinity; a good one saves the guard its exact test.
+        """

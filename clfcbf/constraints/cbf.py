@@ -173,6 +173,7 @@ class FieldOfViewBarrier:
     _eye: tuple[float, float, float, float, float] = field(init=False, repr=False, compare=False)
     _half_angle: float = field(init=False, repr=False, compare=False)
     _width: float = field(init=False, repr=False, compare=False)
+    _lever: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_positive("gain", self.gain)
@@ -186,6 +187,7 @@ class FieldOfViewBarrier:
         object.__setattr__(self, "_eye", eye)
         object.__setattr__(self, "_half_angle", half_angle)
         object.__setattr__(self, "_width", self.camera.width)
+        object.__setattr__(self, "_lever", math.hypot(x, y))
 
     def rows(self, scene: Scene, motion: Pose2 | None = None) -> Rows:
         """Rows of the feature after ``motion``, two for its centre or four for its ends.
@@ -235,6 +237,32 @@ class FieldOfViewBarrier:
                 elif bearing != bearing:
                     raise GeometryError(f"motion must be finite, got {motions!r}")
         return self._half_angle - widest if widest < _RIGHT_ANGLE else -math.inf
+
+    def clearance_around(
+        self, scene: Scene, motion: Pose2, turn: float, travel: float, blur: float
+    ) -> tuple[float, float]:
+        r"""Clearance after ``motion``, and a lower bound of it over all that is near.
+
+        From a camera moved by at most :math:`d` a feature at the distance :math:`\rho` moves by
+        at most :math:`\arcsin(d/\rho)` in bearing, beside what the camera turns.
+        """
+        eye_x, eye_y, cos, sin, reach = self._eye
+        moved = travel + self._lever * turn + blur * reach
+        x, y, heading = motion
+        c, s = math.cos(heading), math.sin(heading)
+        widest = farthest = 0.0
+        for px, py in self._points(scene[1]):
+            dx, dy = px - x, py - y
+            seen_x, seen_y = c * dx + s * dy - eye_x, c * dy - s * dx - eye_y
+            bearing = abs(math.atan2(cos * seen_y - sin * seen_x, cos * seen_x + sin * seen_y))
+            distance = math.sqrt(seen_x * seen_x + seen_y * seen_y)
+            if not moved < distance:  # motions that are not finite included
+                farthest = math.inf
+            else:
+                farthest = max(farthest, bearing + turn + math.asin(moved / distance))
+            widest = max(widest, bearing)
+        clearance = self._half_angle - widest if widest < _RIGHT_ANGLE else -math.inf
+        return clearance, self._half_angle - farthest
 
     def _points(self, feature: Pose2) -> tuple[Point, ...]:
         """The points to be kept: the feature's centre, or its left and right end."""

@@ -31,6 +31,7 @@ __all__ = [
     "quadratic_clf",
     "quartic_clf",
     "strict_clf",
+    "witnessed_clf",
 ]
 
 STRICT_CROSS_TERM = 0.3
@@ -144,13 +145,35 @@ def kanayama_clf(error: Pose2, reference: Twist, gains: TrackingGains, fraction:
     if not 0.0 < fraction <= 1.0:
         raise ConfigurationError(f"fraction must be in (0, 1], got {fraction!r}")
     check_finite("error and reference", error, reference)
-    k1, k2, k3 = _check_gains(gains)
+    _check_gains(gains)
+    return witnessed_clf(error, reference, gains, fraction)
+
+
+def witnessed_clf(
+    error: Pose2,
+    reference: Twist,
+    gains: TrackingGains,
+    fraction: float,
+    witness: Twist | None = None,
+) -> Rows:
+    """:func:`kanayama_clf` on checked arguments, no tighter than what ``witness`` meets.
+
+    With the law's command as far as the tick's limits let it as the witness, limits alone never
+    force a slack.
+    """
+    k1, k2, k3 = gains.k1, gains.k2, gains.k3
     x, y, theta = error
+    v, omega = reference
     sine, half = math.sin(theta), math.sin(0.5 * theta)
     value = 0.5 * (x * x + y * y) + 2.0 * half * half / k2
-    decrease = k1 * x * x + k3 / k2 * abs(reference[0]) * sine * sine
-    gradient = (x, y, sine / k2)
-    return _rows("clf.kanayama", value, gradient, error, reference, fraction * decrease)
+    decrease = k1 * x * x + k3 / k2 * abs(v) * sine * sine
+    g_theta = sine / k2
+    drift = v * (x * math.cos(theta) + y * sine) + g_theta * omega
+    b = -fraction * decrease - drift
+    # The coefficient of omega is x y - y x - g_theta: turning does not change the distance.
+    if witness is not None:
+        b = max(b, -x * witness[0] - g_theta * witness[1])
+    return Rows(("clf.kanayama",), ((-x, -g_theta, b),), Priority.STABILITY, (value,))
 
 
 def strict_clf(

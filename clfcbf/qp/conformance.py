@@ -207,7 +207,8 @@ def _try(solver: Backend, case: Case) -> _Outcome:
         failure = f"expected {wanted}, got {answer.status.value} ({answer.message})"
         return _Outcome(failure, refused=refused)
     if case.x is None:
-        return _Outcome("" if answer.x is None else "x is filled without an answer")
+        failure = "" if answer.x is None else "x is filled without an answer"
+        return _Outcome(failure, refused=refused)
     if answer.x is None:
         return _Outcome("x is missing")
     error = float(np.abs(answer.x - case.x).max() / case.size)

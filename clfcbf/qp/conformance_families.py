@@ -7,7 +7,7 @@ enumeration of active sets, or the multipliers were drawn first and the data mad
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -213,7 +213,8 @@ def _infeasible(rng: np.random.Generator, index: int) -> Case:
     if index % 2:
         other = rng.normal(size=n)
         G = np.stack((row, other - row, -other))
-        h = np.array((offset, 0.2, -offset - 0.2 - _GAP))
+        along = float(other @ data.x)
+        h = np.array((offset, along - offset, -along - _GAP))
     changed = data._replace(
         G=np.concatenate((data.G, G)),
         h=np.append(data.h, h),
@@ -221,6 +222,18 @@ def _infeasible(rng: np.random.Generator, index: int) -> Case:
         ub=np.full(n, np.inf),
     )
     return Case("infeasible by 1e-4", index, changed.problem(), _INFEASIBLE)
+
+
+def _singular(rng: np.random.Generator, index: int) -> Case:
+    """P singular, the answer on a row that the cost pushes against where it is flat."""
+    n = _SIZES[index % 3]
+    frame = np.linalg.qr(rng.normal(size=(n, n)))[0]
+    P = (frame[:, 1:] * rng.uniform(0.5, 2.0, n - 1)) @ frame[:, 1:].T
+    P, flat, x = (P + P.T) / 2, frame[:, 0], rng.normal(size=n)
+    G = np.stack((flat, rng.normal(size=n)))
+    h = G @ x + np.array((0.0, 0.5))
+    q = -(P @ x + float(rng.uniform(0.5, 2.0)) * flat)
+    return Case("singular", index, QuadraticProgram(P, q, G, h), _OPTIMAL, x)
 
 
 def _unbounded(rng: np.random.Generator, index: int) -> Case:
@@ -312,6 +325,7 @@ FAMILIES: dict[str, Callable[[np.random.Generator, int], Case]] = {
     "huge and tiny rows": _row_lengths,
     "infinite bounds": _infinite,
     "infeasible by 1e-4": _infeasible,
+    "singular": _singular,
     "unbounded": _unbounded,
     "not finite": _not_finite,
     "1e8 scaling": _scaled,
@@ -321,7 +335,7 @@ FAMILIES: dict[str, Callable[[np.random.Generator, int], Case]] = {
 """Generators by name."""
 
 
-def cases(seed: int = 0, count: int = 20, families: tuple[str, ...] = ()) -> Iterator[Case]:
+def cases(seed: int = 0, count: int = 20, families: tuple[str, ...] = ()) -> list[Case]:
     """``count`` cases of each family; the same for the same seed.
 
     Parameters
@@ -330,7 +344,8 @@ def cases(seed: int = 0, count: int = 20, families: tuple[str, ...] = ()) -> Ite
     count : cases a family
     families : names in :data:`FAMILIES`; all of them if none is given
     """
+    found = []
     for name in families or FAMILIES:
         rng = np.random.default_rng((seed, sum(name.encode())))
-        for index in range(count):
-            yield FAMILIES[name](rng, index)
+        found += [FAMILIES[name](rng, number) for number in range(count)]
+    return found

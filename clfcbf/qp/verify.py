@@ -101,10 +101,11 @@ def _optimality(
 ) -> tuple[float, float]:
     """Stationarity with the multipliers' signs, and complementarity."""
     P, G, A = problem.P, problem.G, problem.A
-    left = P @ x + problem.q + G.T @ rows + A.T @ equalities + bounds
+    slope = P @ x
+    left = slope + problem.q + G.T @ rows + A.T @ equalities + bounds
     # Each entry against its own terms: a large force in one entry excuses nothing in another.
     terms = (
-        np.abs(P) @ np.abs(x),
+        np.abs(slope),  # not |P||x|: far out along a flat direction that would excuse anything
         np.abs(problem.q),
         np.abs(G).T @ np.abs(rows),
         np.abs(A).T @ np.abs(equalities),

@@ -96,24 +96,24 @@ def test_a_lagging_body_takes_such_a_path(v, omega, a_max, alpha_max, lag):
     brake = Brake(Twist(v, omega), limits.brake_ticks(Twist(v, omega), PERIOD))
     effective = 0.5 * PERIOD * (brake.ticks + 1)
     coast, follow = Twist(1.0, 0.0), Twist(0.0, 0.0)
-    E = S = 0.0
+    coasted = followed = 0.0
     for _ in range(brake.ticks + 400):
         share = brake.twist.v / v
         coast, coast_mean = body_after(coast, Twist(0.0, 0.0), PERIOD, lag)
         follow, follow_mean = body_after(follow, Twist(share, 0.0), PERIOD, lag)
         assert coast_mean.v >= 0.0
         assert follow_mean.v >= 0.0
-        E += PERIOD * coast_mean.v
-        S += PERIOD * follow_mean.v
-        assert E <= lag + 1e-12
-        assert S <= effective + 1e-12
+        coasted += PERIOD * coast_mean.v
+        followed += PERIOD * follow_mean.v
+        assert coasted <= lag + 1e-12
+        assert followed <= effective + 1e-12
         brake = brake.next()
-    assert pytest.approx(lag, abs=1e-9) == E
-    assert pytest.approx(effective, abs=1e-9) == S
+    assert coasted == pytest.approx(lag, abs=1e-9)
+    assert followed == pytest.approx(effective, abs=1e-9)
 
 
 def test_a_disc_is_in_view_when_its_centre_is_seen_from_further_ahead():
-    """For each edge: n·(q + w) >= 0 for all |w| <= B just when n·q >= B, that is from B/sin ahead."""
+    """An edge: n·(q + w) >= 0 for all |w| <= B just when n·q >= B, as seen from B/sin ahead."""
     n_x, n_y, q_x, q_y, w_x, w_y, radius, sine = reals("n_x n_y q_x q_y w_x w_y B sin")
     e_x, e_y = reals("e_x e_y")
     unit = (n_x * n_x + n_y * n_y == 1, radius >= 0)

@@ -451,3 +451,33 @@ def test_cameras_have_names_of_their_own() -> None:
     rear = FieldOfViewBarrier(FieldOfView(PHI, Pose2(-0.2, 0.0, math.pi)), GAIN, name="rear")
     assert rear.rows(scene_of(Pose2(-2.0, 0.1, math.pi))).names == ("rear.left", "rear.right")
     assert rear.clearance(scene_of(Pose2(-2.0, 0.0, math.pi))) == pytest.approx(PHI)
+
+
+@given(
+    camera=cameras,
+    point=points,
+    motion=st.builds(Pose2, st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1)),
+    turn=st.floats(0.0, 0.6),
+    travel=st.floats(0.0, 0.4),
+    blur=st.floats(0.0, 0.05),
+    width=st.sampled_from([0.0, 0.4]),
+    data=st.data(),
+)
+def test_clearance_around_bounds_every_motion_near(
+    camera, point, motion, turn, travel, blur, width, data
+) -> None:
+    """The lower bound holds at poses drawn from all that is near, blurred or not."""
+    seeing = FieldOfView(camera.half_angle, camera.camera, width)
+    barrier = FieldOfViewBarrier(seeing, GAIN, 0.02)
+    scene = scene_of(Pose2(*point, 0.3))
+    clearance, least = barrier.clearance_around(scene, motion, turn, travel, blur)
+    assert clearance == pytest.approx(barrier.clearance(scene, (motion,)), abs=1e-12)
+    assert least <= clearance + 1e-12
+    shares = st.floats(-1.0, 1.0)
+    for _ in range(5):
+        direction = math.pi * data.draw(shares)
+        way = travel * abs(data.draw(shares))
+        near = motion.compose(
+            Pose2(way * math.cos(direction), way * math.sin(direction), turn * data.draw(shares))
+        )
+        assert barrier.clearance(scene, (near,), blur * abs(data.draw(shares))) >= least - 1e-9

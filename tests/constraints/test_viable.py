@@ -11,7 +11,7 @@ from scipy.integrate import quad
 
 from clfcbf.constraints.rows import Priority
 from clfcbf.constraints.viable import ViableSet, stopping_angle
-from clfcbf.constraints.viable_held import held_rows
+from clfcbf.constraints.viable_held import _used_angle, held_rows
 from clfcbf.errors import ConfigurationError, GeometryError
 from clfcbf.limits import Limits
 from clfcbf.qp.exact import solve_lexicographic
@@ -188,6 +188,35 @@ def test_braking_from_the_edge_of_the_set_never_overshoots():
     assert braking_runs(viable, 2_000, 6, lambda p: 0.5 * p * p / 0.5) > math.radians(1)
 
 
+@settings(max_examples=60)
+@given(st.floats(-0.5, 0.5), st.floats(-2.0, 1.0))
+def test_the_angle_used_up_by_a_held_brake(rate, brake):
+    """Against p' = -w + k max(p, 0), integrated: exact for p >= 0, never too little for p < 0."""
+    viable = ViableSet.largest(LIMITS, HALF_ANGLE, PERIOD, 2.0)
+    k, steps = viable.approach_rate, 4_000
+    p, angle, furthest, h = rate, 0.0, 0.0, PERIOD / 4_000
+    for _ in range(steps):
+        middle = p + 0.5 * h * (-brake + k * max(p, 0.0))
+        p += h * (-brake + k * max(middle, 0.0))
+        angle += h * middle
+        furthest = max(furthest, angle)
+    used = max(furthest, angle + viable.braking_angle(p))
+    stated = _used_angle(viable, rate, brake)
+    if rate > 0.0:
+        assert stated == pytest.approx(used, abs=1e-8)
+        hardest = _used_angle(viable, rate, viable.limits.alpha_max)
+        assert hardest == pytest.approx(viable.braking_angle(rate), abs=1e-12)
+    else:
+        assert used - 1e-8 <= stated <= used + PERIOD * abs(rate) + 1e-3
+
+
+@given(st.floats(-0.5, 0.5), st.floats(-2.0, 1.0), st.floats(0.0, 1.0))
+def test_a_harder_brake_uses_no_more(rate, brake, share):
+    viable = ViableSet.largest(LIMITS, HALF_ANGLE, PERIOD, 2.0)
+    harder = brake + share * (1.0 - brake)
+    assert _used_angle(viable, rate, harder) <= _used_angle(viable, rate, brake) + 1e-12
+
+
 def adversarial_run(viable, build, seed, ticks=300):
     """Bang-bang accelerations through the rows; least margin to the view, and slacks needed."""
     rng = np.random.default_rng(seed)
@@ -236,6 +265,17 @@ def test_held_rows_outside_the_set_ask_for_the_hardest_brake_and_no_more():
     a, alpha = viable.witness(point, twist)
     assert (a, alpha) == (0.0, LIMITS.alpha_max)
     assert rows.A[0] @ (a, alpha) == pytest.approx(rows.b[0], abs=1e-9)
+
+
+def test_held_rows_outside_the_set_let_a_bearing_that_returns_return():
+    viable = ViableSet.largest(LIMITS, HALF_ANGLE, PERIOD, 2.0)
+    phi = HALF_ANGLE + 0.02
+    point, twist = (math.cos(phi), math.sin(phi)), Twist(0.0, 0.1)
+    rows = held_rows(viable, point, twist)
+    assert rows.values[0] < 0.0
+    # Nothing asked of a held speed, and no turning back out within the period.
+    assert rows.A[0] @ (0.0, 0.0) < rows.b[0]
+    assert rows.A[0] @ (0.0, -0.11 / PERIOD) > rows.b[0]
 
 
 def test_mirror_symmetry():

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from clfcbf.errors import ConfigurationError
 from clfcbf.qp import QuadraticProgram
-from clfcbf.qp.nnls import nonnegative_least_squares
 from clfcbf.qp.certificates import proves_infeasible
+from clfcbf.qp.nnls import nonnegative_least_squares
 from clfcbf.qp.verify import Duals, is_convex, multipliers_at, verify
 
 seeds = st.integers(0, 10**6)

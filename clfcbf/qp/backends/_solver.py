@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import threading
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple, Protocol
@@ -21,14 +22,18 @@ __all__ = [
     "Claim",
     "SolverBackend",
     "Workspace",
-    "environment_kept",
+    "is_definite",
     "is_installed",
     "require",
     "statuses",
+    "undisturbed",
 ]
 
 _WORKSPACES = 8
 """Shapes kept per thread: a controller's rows come and go in a handful of combinations."""
+
+_PIVOT = 1e-13
+"""Share of a diagonal entry under which a pivot is rounding."""
 
 
 class Claim(NamedTuple):
@@ -104,8 +109,8 @@ class SolverBackend:
             message = "a zero row or a pair of bounds admits no point"
             return QpSolution(None, QpStatus.INFEASIBLE, self._name, message=message)
         form = reduction.form
-        if not self._capability.semidefinite:
-            _require_definite(self._name, form)
+        if not self._capability.semidefinite and not is_definite(form.P):
+            raise BackendError(f"{self._name!r} needs P positive definite; use 'clarabel'")
         claim = self._ask(form, time_limit)
         if claim.y is None:
             return QpSolution(None, claim.status, self._name, message=claim.message)
@@ -146,11 +151,13 @@ class SolverBackend:
         return claim
 
 
-def _require_definite(name: str, form: Form) -> None:
+def is_definite(P: Array) -> bool:
+    """Whether P is positive definite with digits to spare: each pivot over :data:`_PIVOT`."""
     try:
-        np.linalg.cholesky(form.P)
-    except np.linalg.LinAlgError as error:
-        raise BackendError(f"{name!r} needs P positive definite; use 'daqp'") from error
+        pivots = np.linalg.cholesky(P).diagonal()
+    except np.linalg.LinAlgError:
+        return False
+    return bool((pivots * pivots > _PIVOT * P.diagonal()).all())
 
 
 def statuses(meanings: dict[str, QpStatus], said: object) -> tuple[QpStatus, str]:
@@ -171,11 +178,12 @@ def require(module: str, package: str, extra: str) -> None:
 
 
 @contextmanager
-def environment_kept() -> Iterator[None]:
-    """Undo what an import does to the environment variables."""
+def undisturbed() -> Iterator[None]:
+    """Undo what an import does to the environment variables and to the filters of warnings."""
     before = dict(os.environ)
     try:
-        yield
+        with warnings.catch_warnings():
+            yield
     finally:
         for name in os.environ.keys() - before.keys():
             del os.environ[name]

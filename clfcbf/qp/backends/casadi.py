@@ -13,7 +13,14 @@ from typing import Any
 import numpy as np
 
 from clfcbf.qp.backends import Capability
-from clfcbf.qp.backends._solver import Claim, SolverBackend, Workspace, is_installed, require
+from clfcbf.qp.backends._solver import (
+    Claim,
+    SolverBackend,
+    Workspace,
+    is_installed,
+    require,
+    undisturbed,
+)
 from clfcbf.qp.problem import QpStatus
 from clfcbf.qp.reduction import Form
 
@@ -81,7 +88,8 @@ class _Conic:
     """A plugin for quadratic programs, built once for a shape."""
 
     def __init__(self, plugin: str, form: Form) -> None:
-        import casadi
+        with undisturbed():
+            import casadi
 
         n, k = form.q.size, form.lower.size
         pattern = {"h": casadi.Sparsity.dense(n, n), "a": casadi.Sparsity.dense(k, n)}
@@ -102,7 +110,8 @@ class _Ipopt:
     """The quadratic program as a nonlinear one, its numbers as parameters, built once."""
 
     def __init__(self, form: Form) -> None:
-        import casadi
+        with undisturbed():
+            import casadi
 
         n, k = form.q.size, form.lower.size
         y = casadi.MX.sym("y", n)
@@ -165,6 +174,10 @@ def create(name: str) -> SolverBackend:
             return _Conic(plugin, form)
 
     capability = Capability(
-        package="casadi", licence=licence, extra="solvers", time_limit=plugin == "ipopt"
+        semidefinite=plugin != "daqp",  # where its own package regularises, the plugin errs
+        package="casadi",
+        licence=licence,
+        extra="solvers",
+        time_limit=plugin == "ipopt",
     )
     return SolverBackend(name, capability, make)

@@ -8,7 +8,14 @@ from typing import Any
 import numpy as np
 
 from clfcbf.qp.backends import Capability
-from clfcbf.qp.backends._solver import Claim, SolverBackend, is_installed, require, statuses
+from clfcbf.qp.backends._solver import (
+    Claim,
+    SolverBackend,
+    is_installed,
+    require,
+    statuses,
+    undisturbed,
+)
 from clfcbf.qp.problem import Array, QpStatus
 from clfcbf.qp.reduction import Form
 
@@ -34,8 +41,9 @@ class _Workspace:
     """Set up once for a shape, its numbers updated in place."""
 
     def __init__(self, form: Form) -> None:
-        import clarabel
-        from scipy import sparse
+        with undisturbed():
+            import clarabel
+            from scipy import sparse
 
         n = form.q.size
         rows, columns = np.triu_indices(n)

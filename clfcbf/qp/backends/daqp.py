@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from clfcbf.qp.backends import Capability
-from clfcbf.qp.backends._solver import is_installed, require
+from clfcbf.qp.backends._solver import is_definite, is_installed, require
+from clfcbf.qp.polish import polish
 from clfcbf.qp.problem import QpSolution, QpStatus, QuadraticProgram
+from clfcbf.qp.reduction import reduce
 
 __all__ = ["DaqpBackend", "create", "installed", "names"]
 
@@ -87,10 +89,26 @@ class DaqpBackend:
         message = f"exit flag {int(flag)}"
         if not status.found:
             return QpSolution(None, status, self.name, message=message)
+        point = np.asarray(x, dtype=np.float64)
+        reduction = None if is_definite(problem.P) else reduce(problem)
+        if reduction is not None:
+            # It regularised the cost, which shows in the ninth digit.
+            polished = polish(reduction.form, point / reduction.variables, None)
+            if polished is not None:
+                point, duals = reduction.restore(*polished)
+                return QpSolution(
+                    point,
+                    status,
+                    self.name,
+                    duals.rows,
+                    duals.bounds,
+                    message=message,
+                    dual_equalities=duals.equalities,
+                )
         dual = np.array(info["lam"], dtype=np.float64)
         dual[n:] = np.ldexp(dual[n:], shorten)
         return QpSolution(
-            np.asarray(x, dtype=np.float64),
+            point,
             status,
             self.name,
             dual[n : n + m],

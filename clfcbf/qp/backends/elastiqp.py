@@ -70,7 +70,5 @@ def installed() -> tuple[str, ...]:
 def create(name: str) -> SolverBackend:
     """The backend; ``name`` is one of :func:`names`."""
     require("elastiqp", name, "bench")
-    capability = Capability(
-        semidefinite=False, package="elastiqp", licence="Apache-2.0", extra="bench"
-    )
+    capability = Capability(package="elastiqp", licence="Apache-2.0", extra="bench")
     return SolverBackend(name, capability, _Workspace)

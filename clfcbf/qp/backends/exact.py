@@ -16,6 +16,10 @@ from clfcbf.qp.problem import QpSolution, QpStatus, QuadraticProgram
 __all__ = ["ExactBackend", "create", "installed", "names"]
 
 
+_SINGULAR = 1e-13
+"""Determinant, relative to the product of the diagonal, that leaves the minimum no digits."""
+
+
 @dataclass(frozen=True, slots=True)
 class ExactBackend:
     """:func:`clfcbf.qp.exact.solve_lexicographic` with one level that must not be relaxed."""
@@ -49,6 +53,8 @@ class ExactBackend:
         # The unconstrained minimum, -P^-1 q, plays the nominal command.
         c, d = problem.q.tolist()
         det = q11 * q22 - q12 * q12
+        if not det > _SINGULAR * q11 * q22:
+            raise BackendError(f"'exact' needs P positive definite, got determinant {det!r}")
         nominal = ((q12 * d - q22 * c) / det, (q12 * c - q11 * d) / det)
         rows = [
             (a_v, a_w, b)

@@ -8,7 +8,14 @@ from typing import Any
 import numpy as np
 
 from clfcbf.qp.backends import Capability
-from clfcbf.qp.backends._solver import Claim, SolverBackend, is_installed, require, statuses
+from clfcbf.qp.backends._solver import (
+    Claim,
+    SolverBackend,
+    is_installed,
+    require,
+    statuses,
+    undisturbed,
+)
 from clfcbf.qp.problem import QpStatus
 from clfcbf.qp.reduction import Form
 
@@ -43,8 +50,9 @@ class _Workspace:
     """Set up once for a shape, its numbers updated in place."""
 
     def __init__(self, warm_start: bool, form: Form) -> None:
-        import osqp
-        from scipy import sparse
+        with undisturbed():
+            import osqp
+            from scipy import sparse
 
         n, k = form.q.size, form.lower.size
         # Every entry is part of the pattern, a zero too: another program may need it.

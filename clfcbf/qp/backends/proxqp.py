@@ -11,7 +11,7 @@ from clfcbf.qp.backends import Capability
 from clfcbf.qp.backends._solver import (
     Claim,
     SolverBackend,
-    environment_kept,
+    undisturbed,
     is_installed,
     require,
     statuses,
@@ -47,7 +47,7 @@ class _Workspace:
     """The dense solver. Bounds go in as rows: boxes are rescaled by a second solve."""
 
     def __init__(self, warm_start: bool, form: Form) -> None:
-        with environment_kept():
+        with undisturbed():
             from proxsuite import proxqp
 
         n, k, equal = form.q.size, form.lower.size, form.equal

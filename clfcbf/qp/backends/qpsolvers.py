@@ -17,7 +17,7 @@ from clfcbf.qp.backends import Capability
 from clfcbf.qp.backends._solver import (
     Claim,
     SolverBackend,
-    environment_kept,
+    undisturbed,
     is_installed,
     require,
 )
@@ -73,9 +73,9 @@ class _Workspace:
         self._solver, self._options = solver, options
 
     def solve(self, form: Form, time_limit: float | None) -> Claim:
-        with environment_kept():
+        with undisturbed():
             import qpsolvers
-        from scipy import sparse
+            from scipy import sparse
 
         matrix = sparse.csc_matrix if self._solver in qpsolvers.sparse_solvers else np.array
         G, h = form.one_sided()
@@ -125,7 +125,7 @@ def create(name: str) -> SolverBackend:
             raise MissingExtraError(module, "gpl")
         raise BackendError(f"{name!r} needs the package {module!r}, which no extra brings")
     if not module:
-        with environment_kept():
+        with undisturbed():
             import qpsolvers
         if solver not in qpsolvers.available_solvers:
             known = ", ".join(qpsolvers.available_solvers)
