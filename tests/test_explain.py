@@ -302,6 +302,9 @@ class Wall:
     def rows(self, *_: object, **__: object) -> Rows:
         return Rows(("wall.turn",), ((0.0, -2.0, -2.0 * self.omega),), Priority.SAFETY, (0.25,))
 
+    def clearance_around(self, *_: object, **__: object) -> tuple[float, float]:
+        return self.value, -math.inf
+
     def clearance(self, *_: object, **__: object) -> float:
         return self.value
 

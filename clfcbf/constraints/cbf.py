@@ -236,7 +236,7 @@ class FieldOfViewBarrier:
                     widest = bearing
                 elif bearing != bearing:
                     raise GeometryError(f"motion must be finite, got {motions!r}")
-        return self._half_angle - widest if widest < _RIGHT_ANGLE else -math.inf
+        return self._room(widest)
 
     def clearance_around(
         self, scene: Scene, motion: Pose2, turn: float, travel: float, blur: float
@@ -261,8 +261,11 @@ class FieldOfViewBarrier:
             else:
                 farthest = max(farthest, bearing + turn + math.asin(moved / distance))
             widest = max(widest, bearing)
-        clearance = self._half_angle - widest if widest < _RIGHT_ANGLE else -math.inf
-        return clearance, self._half_angle - farthest
+        return self._room(widest), self._room(farthest)
+
+    def _room(self, bearing: float) -> float:
+        """Clearance at a bearing off the camera's axis [rad]."""
+        return self._half_angle - bearing if bearing < _RIGHT_ANGLE else -math.inf
 
     def _points(self, feature: Pose2) -> tuple[Point, ...]:
         """The points to be kept: the feature's centre, or its left and right end."""

@@ -27,6 +27,7 @@ _FAULTS = {
     Status.INVALID_INPUT: "an input is not finite, or a barrier is undefined there",
     Status.CLOCK_ERROR: "the time did not advance, or a measurement is from the future",
     Status.SOLVER_FAILED: "no answer to the program stood verification",
+    Status.INTERNAL_ERROR: "a part raised an exception",
 }
 
 _VARIABLES = (("v", "m/s"), ("omega", "rad/s"))
@@ -50,7 +51,7 @@ def sentence_of(e: Explanation) -> str:
         head += f" ({e.phase.value})"
     if e.status.is_fault:
         cause = _FAULTS[e.status] if e.conflict is None else _clash(e.conflict)
-        if e.reason and e.phase is Phase.FAILED:
+        if e.reason and (e.phase is Phase.FAILED or e.status is Status.INTERNAL_ERROR):
             cause += f" ({e.reason})"
         return f"{head}: {cause}; {_braked(e)}."
     if e.answer is None:

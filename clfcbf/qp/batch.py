@@ -68,7 +68,7 @@ def solve_batch(
               \quad\text{s.t.}\quad u \in \text{box},\quad a_i^\top u \le b_i + s_{\ell(i)}|a_i|
 
     with the slack of the hard rows as small as the box allows, and that of the soft rows as
-    small as box and hard rows allow [KerriganMaciejowski2000]_. Equal to
+    small as box and hard rows allow [Kerrigan2002]_. Equal to
     :func:`clfcbf.qp.exact.solve_lexicographic`, program by program, to 1e-12.
 
     Parameters

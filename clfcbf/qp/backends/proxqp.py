@@ -11,10 +11,10 @@ from clfcbf.qp.backends import Capability
 from clfcbf.qp.backends._solver import (
     Claim,
     SolverBackend,
-    undisturbed,
     is_installed,
     require,
     statuses,
+    undisturbed,
 )
 from clfcbf.qp.problem import QpStatus
 from clfcbf.qp.reduction import Form

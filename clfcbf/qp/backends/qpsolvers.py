@@ -17,9 +17,9 @@ from clfcbf.qp.backends import Capability
 from clfcbf.qp.backends._solver import (
     Claim,
     SolverBackend,
-    undisturbed,
     is_installed,
     require,
+    undisturbed,
 )
 from clfcbf.qp.problem import QpStatus
 from clfcbf.qp.reduction import Form
