@@ -30,6 +30,7 @@ __all__ = [
     "reckoned",
 ]
 
+_new = tuple.__new__  # makes a named tuple in half the time of its own constructor
 _MEMORY = 32
 """Ticks of motion kept: one second at 30 Hz, eight times the latency it must cover."""
 
@@ -60,8 +61,8 @@ def body_after(body: Twist, command: Twist, duration: float, lag: float) -> tupl
     share = lag * (1.0 - decay) / duration
     dv, dw = body[0] - command[0], body[1] - command[1]
     return (
-        Twist(command[0] + dv * decay, command[1] + dw * decay),
-        Twist(command[0] + dv * share, command[1] + dw * share),
+        _new(Twist, (command[0] + dv * decay, command[1] + dw * decay)),
+        _new(Twist, (command[0] + dv * share, command[1] + dw * share)),
     )
 
 
@@ -75,9 +76,8 @@ def advance(reckoning: DeadReckoning, applied: Twist, now: float, lag: float) ->
         return reckoning
     body, mean = body_after(reckoning.body, applied, duration, lag)
     step = (reckoning.time, reckoning.pose, mean)
-    return DeadReckoning(
-        now, reckoning.pose.moved(mean, duration), body, (*reckoning.past[1 - _MEMORY :], step)
-    )
+    past = (*reckoning.past[1 - _MEMORY :], step)
+    return _new(DeadReckoning, (now, reckoning.pose.moved(mean, duration), body, past))
 
 
 def reckoned(reckoning: DeadReckoning, stamp: float) -> Pose2:

@@ -111,7 +111,7 @@ class Limits:
         dv, dw = self.a_max * period, self.alpha_max * period
         v_lo, v_hi = _overlap(v - dv, v + dv, self.reverse_speed, self.v_max)
         w_lo, w_hi = _overlap(omega - dw, omega + dw, -self.omega_max, self.omega_max)
-        return InputBox(v_lo, v_hi, w_lo, w_hi)
+        return tuple.__new__(InputBox, (v_lo, v_hi, w_lo, w_hi))
 
     def contains(self, twist: Twist, tolerance: float = 0.0) -> bool:
         """Whether ``twist`` is inside the speed limits, to ``tolerance``."""

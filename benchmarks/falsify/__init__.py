@@ -1,4 +1,4 @@
-"""The adversary: it searches for a run in which the guarantee fails, ``python -m benchmarks.falsify``.
+"""The adversary: ``python -m benchmarks.falsify`` searches for a run in which the guarantee fails.
 
 ``assumptions`` says what it may do, ``attack`` what it decides, ``strategies`` and ``evolution``
 how; ``duel`` is one run against the filter, ``paper`` the same for the paper's barrier,

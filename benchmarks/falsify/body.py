@@ -80,9 +80,7 @@ class LaggingBody:
                 outside += 1
         return half_angle - widest, outside
 
-    def _lagging(
-        self, v: float, omega: float, e_v: float, e_w: float
-    ) -> list[tuple[float, float]]:
+    def _lagging(self, v: float, omega: float, e_v: float, e_w: float) -> list[tuple[float, float]]:
         """Mean twist of each sub-sample, the errors decaying exponentially."""
         decay, share = self._decay, self._share
         means = []

@@ -16,7 +16,7 @@ from benchmarks.falsify.assumptions import Assumptions
 from benchmarks.falsify.attack import Attack, Constants, Move
 from benchmarks.falsify.body import LaggingBody
 from clfcbf.camera import FieldOfView
-from clfcbf.decision import Decision
+from clfcbf.decision import Decision, Status
 from clfcbf.defaults import VIEW_MARGIN
 from clfcbf.limits import Limits
 from clfcbf.scene import Scene
@@ -37,6 +37,7 @@ TOLERANCE = 1e-9
 """[m/s, rad/s] What a command may stick out of the input box by rounding."""
 
 _REST = Twist(0.0, 0.0)
+_FAILED = (Status.INTERNAL_ERROR, Status.SOLVER_FAILED)  # what the filter caught itself
 
 
 class Subject(Protocol):
@@ -145,6 +146,7 @@ def duel(
                 box = limits.input_box(applied, period)
                 violations += not box.contains(decision.twist, TOLERANCE)
                 uncertified += not decision.certified
+                exceptions += decision.status in _FAILED
                 applied = decision.twist
         turn = scale_omega * applied[1] + (drift if applied != _REST else 0.0)
         margin, out = body.follow(scale_v * applied[0], turn)

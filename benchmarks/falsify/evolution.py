@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from benchmarks.falsify.attack import Attack
 from benchmarks.falsify.strategies import STRATEGIES
 
-__all__ = ["FIRST", "MOVES", "climb"]
+__all__ = ["FIRST", "HOLD", "MOVES", "climb"]
 
 MOVES, HOLD = 24, 5
 """An evolved attack: 24 moves of 5 ticks, 4 s, room for an approach and for the strike."""
@@ -36,9 +36,10 @@ Array = NDArray[np.float64]
 def climb(
     score: Callable[[Attack], float], rng: np.random.Generator, evaluations: int
 ) -> tuple[Attack, float]:
-    """Search for the attack of the lowest score: (1+1), sparse, the rate by the rule of one fifth.
+    """Search for the attack of the lowest score; that attack and its score.
 
-    The bounds are where the worst is found, so half of the changes go right there [Rechenberg1973]_.
+    A (1+1) evolution strategy: sparse changes, their number by the rule of one success in five
+    [Rechenberg1973]_. The worst is found on the bounds, so half of the changes go right there.
     """
     best, lowest = None, np.inf
     for _ in range(min(FIRST, evaluations)):
@@ -62,7 +63,7 @@ def _first(rng: np.random.Generator) -> Attack:
     """A scripted strategy's attack, thinned to the form that is evolved."""
     names = ("outward", "charge", "vertices", "spiral")
     drawn = STRATEGIES[names[int(rng.integers(len(names)))]](rng)
-    moves = drawn.moves[:: HOLD, :][:MOVES]
+    moves = drawn.moves[::HOLD, :][:MOVES]
     return Attack(drawn.constants, moves, HOLD, True)
 
 

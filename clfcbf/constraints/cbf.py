@@ -95,7 +95,8 @@ def half_plane_rows(
             h = n_x * x + n_y * y - offset
             values.append(h)
             coefficients.append((n_x, n_y * x - n_x * y, gain * h + n_x * u_x + n_y * u_y))
-    return Rows(names, tuple(coefficients), Priority.SAFETY, tuple(values))
+    block = names, tuple(coefficients), Priority.SAFETY, tuple(values)
+    return tuple.__new__(Rows, block)
 
 
 def edge_rows(

@@ -173,7 +173,8 @@ def witnessed_clf(
     # The coefficient of omega is x y - y x - g_theta: turning does not change the distance.
     if witness is not None:
         b = max(b, -x * witness[0] - g_theta * witness[1])
-    return Rows(("clf.kanayama",), ((-x, -g_theta, b),), Priority.STABILITY, (value,))
+    block = ("clf.kanayama",), ((-x, -g_theta, b),), Priority.STABILITY, (value,)
+    return tuple.__new__(Rows, block)
 
 
 def strict_clf(

@@ -67,10 +67,9 @@ class Kanayama:
         """The twist that tracks a virtual target at ``error`` moving with ``reference``."""
         x, y, theta = error
         v, omega = reference
-        return Twist(
-            v * math.cos(theta) + self.k1 * x,
-            omega + self.k2 * v * y + self.k3 * abs(v) * math.sin(theta),
-        )
+        speed = v * math.cos(theta) + self.k1 * x
+        turn = omega + self.k2 * v * y + self.k3 * abs(v) * math.sin(theta)
+        return tuple.__new__(Twist, (speed, turn))
 
     def lyapunov(self, error: Pose2) -> float:
         """V [m²]."""

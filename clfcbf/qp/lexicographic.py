@@ -144,7 +144,8 @@ def solve_lexicographic(
     if total - total != 0.0:  # NaN and infinity alike
         return None
     if holds:
-        return LexicographicSolution(n_v, n_w, (0.0,) * len(levels), violated)
+        answer = n_v, n_w, (0.0,) * len(levels), violated, False, None
+        return tuple.__new__(LexicographicSolution, answer)
     if v_lo > v_hi or w_lo > w_hi:
         return None
     q11, q12, q22 = weight

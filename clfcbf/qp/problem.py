@@ -156,12 +156,10 @@ class QuadraticProgram:
     @property
     def well_posed(self) -> bool:
         """Whether every number is finite, bounds and h apart, which may be infinite upward."""
+        finite = (self.P.ravel(), self.q, self.G.ravel(), self.A.ravel(), self.b)
         return bool(
-            np.isfinite(self.P).all()
-            and np.isfinite(self.q).all()
-            and np.isfinite(self.G).all()
-            and np.isfinite(self.A).all()
-            and np.isfinite(self.b).all()
+            np.isfinite(np.concatenate(finite)).all()
+            # Comparisons that a NaN fails.
             and (self.h > -np.inf).all()
             and (self.lb < np.inf).all()
             and (self.ub > -np.inf).all()

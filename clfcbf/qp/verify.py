@@ -69,67 +69,73 @@ def verify(problem: QuadraticProgram, x: Array, duals: Duals | None = None) -> R
     if point.shape != (problem.n,) or not np.isfinite(point).all():
         return Residuals(np.inf, np.inf, np.inf)
     with np.errstate(over="ignore", invalid="ignore"):
-        primal = _primal(problem, point)
+        far = 1.0 + float(np.abs(point).max())
+        excess = problem.G @ point - problem.h
+        if problem.m:
+            excess /= _lengths(problem.G)
+        primal = max(_largest(excess), _largest(problem.lb - point), _largest(point - problem.ub))
+        if problem.p:
+            missed = np.abs(problem.A @ point - problem.b) / _lengths(problem.A)
+            primal = max(primal, _largest(missed))
+        primal /= far
         if duals is None:
             duals = multipliers_at(problem, point)
         if not duals.fits(problem):
             return Residuals(primal, np.inf, np.inf)
         rows, bounds, equalities = (np.zeros(0) if dual is None else dual for dual in duals)
-        return Residuals(primal, *_optimality(problem, point, rows, bounds, equalities))
+        slope = problem.P @ point
+        push, size = _forces(problem, slope, rows, bounds, equalities)
+        left = slope + problem.q + bounds
+        if problem.m:
+            left += problem.G.T @ rows
+        if problem.p:
+            left += problem.A.T @ equalities
+        nobody = np.where(bounds > 0.0, np.isinf(problem.ub), np.isinf(problem.lb))
+        dual = max(
+            _largest(np.abs(left) / size),
+            _largest(-rows * push),
+            _largest(np.abs(bounds) * nobody / size),
+        )
+        room = np.where(bounds > 0.0, problem.ub - point, point - problem.lb)
+        gap = max(
+            _largest(np.minimum(np.abs(excess) / far, np.abs(rows) * push)),
+            _largest(np.minimum(np.abs(room) / far, np.abs(bounds) / size)),
+        )
+    return Residuals(primal, dual, gap)
+
+
+def _largest(values: Array) -> float:
+    """The largest entry, at least zero; NaN if there is one."""
+    return float(values.max(initial=0.0))
 
 
 def _lengths(rows: Array) -> Array:
     """Of the rows; 1 for a zero row, which has no distance, so that its whole violation counts."""
     lengths: Array = np.hypot.reduce(np.abs(rows), axis=1, initial=0.0)
-    return np.where(lengths > 0.0, lengths, 1.0)
+    lengths[lengths == 0.0] = 1.0
+    return lengths
 
 
-def _primal(problem: QuadraticProgram, x: Array) -> float:
-    """Largest violation as a distance."""
-    distances = (
-        (problem.G @ x - problem.h) / _lengths(problem.G),
-        np.abs(problem.A @ x - problem.b) / _lengths(problem.A),
-        problem.lb - x,
-        x - problem.ub,
-    )
-    worst = np.max(np.concatenate(distances), initial=0.0)
-    return float(worst / (1.0 + np.abs(x).max()))
+def _forces(
+    problem: QuadraticProgram, slope: Array, rows: Array, bounds: Array, equalities: Array
+) -> tuple[Array, Array]:
+    """What each row pushes with a multiplier of one, and the size that an entry is judged by.
 
-
-def _optimality(
-    problem: QuadraticProgram, x: Array, rows: Array, bounds: Array, equalities: Array
-) -> tuple[float, float]:
-    """Stationarity with the multipliers' signs, and complementarity."""
-    P, G, A = problem.P, problem.G, problem.A
-    slope = P @ x
-    left = slope + problem.q + G.T @ rows + A.T @ equalities + bounds
-    # Each entry against its own terms: a large force in one entry excuses nothing in another.
-    terms = (
-        np.abs(slope),  # not |P||x|: far out along a flat direction that would excuse anything
-        np.abs(problem.q),
-        np.abs(G).T @ np.abs(rows),
-        np.abs(A).T @ np.abs(equalities),
-        np.abs(bounds),
-    )
-    curvature = P.diagonal()
-    size = np.max(terms, axis=0) + np.where(
-        curvature > 0.0, curvature, curvature.max() if curvature.any() else 1.0
-    )
-    push = np.max(np.abs(G) / size, axis=1, initial=0.0)  # of a row with multiplier one
-    wrong = (
-        np.abs(left) / size,
-        -rows * push,
-        np.where(np.isinf(problem.ub), bounds, 0.0) / size,
-        np.where(np.isinf(problem.lb), -bounds, 0.0) / size,
-    )
-    slack = (problem.h - G @ x) / _lengths(G)
-    slack_bounds = np.where(bounds > 0.0, problem.ub - x, x - problem.lb)
-    gaps = (
-        np.minimum(np.abs(slack) / (1.0 + np.abs(x).max()), np.abs(rows) * push),
-        np.minimum(np.abs(slack_bounds) / (1.0 + np.abs(x).max()), np.abs(bounds) / size),
-    )
-    dual = float(np.max(np.concatenate(wrong), initial=0.0))
-    return dual, float(np.max(np.concatenate(gaps), initial=0.0))
+    Each entry against its own terms: a large force in one entry excuses nothing in another. Of
+    the cost that is :math:`|Pz|`, not :math:`|P||z|`, which far out along a flat direction would
+    excuse anything.
+    """
+    curvature = problem.P.diagonal()
+    if not curvature.all():
+        curvature = np.where(curvature > 0.0, curvature, curvature.max() or 1.0)
+    size = np.maximum(np.maximum(np.abs(slope), np.abs(problem.q)), np.abs(bounds))
+    if problem.p:
+        size = np.maximum(size, np.abs(problem.A).T @ np.abs(equalities))
+    if not problem.m:
+        return np.zeros(0), size + curvature
+    G = np.abs(problem.G)
+    size = np.maximum(size, G.T @ np.abs(rows)) + curvature
+    return (G / size).max(axis=1), size
 
 
 def unit_rows(problem: QuadraticProgram) -> tuple[Array, Array, NDArray[np.intp], Array]:
@@ -179,9 +185,10 @@ def is_convex(problem: QuadraticProgram, strictly: bool = False) -> bool:
     P = problem.P
     # Diagonal to order one: badly scaled variables do not make a program less convex.
     diagonal = P.diagonal()
-    if (diagonal < 0.0).any():
+    if diagonal.min() < 0.0:
         return False
-    scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    scale = np.sqrt(diagonal)
+    scale[scale == 0.0] = 1.0
     eigenvalues = np.linalg.eigvalsh(P / scale / scale[:, None])
     noise = _CONVEX * float(np.abs(eigenvalues).max())
     return bool(eigenvalues[0] > noise if strictly else eigenvalues[0] >= -noise)

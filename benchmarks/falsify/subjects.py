@@ -1,0 +1,49 @@
+"""What is attacked: the safety filter as it is by default, and the same with its guard off."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from benchmarks.falsify.duel import Arena
+from clfcbf import Barrier, Pose2, SafetyFilter, Scene
+from clfcbf.constraints.rows import Rows
+from clfcbf.simulation.plant import DEFAULT_LAG
+from clfcbf.simulation.scenarios import World, limits_named
+
+__all__ = ["ARENA", "make_filter"]
+
+_WORLD = World()
+ARENA = Arena(limits_named("approaching"), _WORLD.camera, _WORLD.period)
+"""The world that all figures refer to, at the speed limits of the approach."""
+
+
+@dataclass(frozen=True, slots=True)
+class _RowsAlone:
+    """A barrier that the guard finds safe everywhere: only its rows are left."""
+
+    barrier: Barrier
+
+    @property
+    def name(self) -> str:
+        return self.barrier.name
+
+    def rows(self, scene: Scene, motion: Pose2 | None = None) -> Rows:
+        return self.barrier.rows(scene, motion)
+
+    def clearance(self, scene: Scene, motions: tuple[Pose2, ...] = (), blur: float = 0.0) -> float:
+        return math.inf
+
+    def clearance_around(
+        self, scene: Scene, motion: Pose2, turn: float, travel: float, blur: float
+    ) -> tuple[float, float]:
+        return math.inf, math.inf
+
+
+def make_filter(guarded: bool, arena: Arena = ARENA) -> SafetyFilter:
+    """A new filter at its defaults, told the body's usual lag."""
+    subject = SafetyFilter(arena.limits, [arena.camera], arena.period, lag=DEFAULT_LAG)
+    if guarded:
+        return subject
+    rows = [_RowsAlone(barrier) for barrier in subject.config.barriers]
+    return SafetyFilter(arena.limits, rows, arena.period, lag=DEFAULT_LAG)
