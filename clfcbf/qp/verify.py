@@ -105,8 +105,9 @@ def verify(problem: QuadraticProgram, x: Array, duals: Duals | None = None) -> R
 
 
 def _largest(values: Array) -> float:
-    """The largest entry, at least zero; NaN if there is one."""
-    return float(values.max(initial=0.0))
+    """The largest entry, at least zero; infinity where one is not a number."""
+    largest = float(values.max(initial=0.0))
+    return np.inf if np.isnan(largest) else largest
 
 
 def _lengths(rows: Array) -> Array:

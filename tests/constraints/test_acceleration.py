@@ -109,6 +109,7 @@ def test_not_finite(point, twist):
 )
 def test_box_keeps_the_speed_limits(limits, period, v, omega, share_a, share_alpha):
     v = limits.reverse_speed + 0.5 * (v + 1.0) * (limits.v_max - limits.reverse_speed)
+    v = min(v, limits.v_max)  # the sum may round up
     twist = Twist(v, omega * limits.omega_max)
     box = acceleration_box(limits, twist, period)
     a = box.a_lo + share_a * (box.a_hi - box.a_lo)

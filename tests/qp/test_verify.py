@@ -176,3 +176,40 @@ def test_nan_is_representable():
     assert not QuadraticProgram(np.eye(2), [np.nan, 0]).well_posed
     assert not QuadraticProgram([[np.nan, 0], [1, 1]], [0, 0]).well_posed
     assert QuadraticProgram(np.eye(2), [0, 0], [[1, 0]], [np.inf]).well_posed
+
+
+def test_overflow_is_not_optimality():
+    """1e300 times 1e300 is infinite, and infinity less infinity is no number: no answer either."""
+    problem = QuadraticProgram(np.eye(2), [0, 0], [[1e300, 0]], [np.inf])
+    assert verify(problem, np.array([1e300, 0.0])).worst > 0.1
+    problem = QuadraticProgram(np.eye(2), [0, 0], [[1e300, -1e300]], [1.0])
+    assert verify(problem, np.array([1e300, 1e300])).worst > 0.1
+    assert verify(problem, np.zeros(2)).worst == 0.0
+
+
+def test_equality_rows_are_verified():
+    problem = QuadraticProgram(np.eye(2), [0, 0], A=[[3, 4]], b=[5])
+    nearest, none = np.array([0.6, 0.8]), np.zeros(0)
+    assert verify(problem, nearest).worst <= 1e-15
+    assert multipliers_at(problem, nearest).equalities == pytest.approx([-0.2])
+    right = Duals(none, np.zeros(2), np.array([-0.2]))
+    assert verify(problem, nearest, right).worst <= 1e-15
+    assert verify(problem, nearest, right._replace(equalities=np.array([0.2]))).dual > 0.1
+    assert verify(problem, nearest, Duals(none, np.zeros(2))).worst == np.inf
+    assert verify(problem, np.zeros(2)).primal == pytest.approx(1.0)
+    for b in (5.0, -5.0):
+        twice = QuadraticProgram(np.eye(2), [0, 0], A=[[3, 4], [6, 8]], b=[5, 2 * b])
+        assert proves_infeasible(twice) == (b < 0)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ({"A": [[1, 0]]}, "A and b must be given together"),
+        ({"b": [1]}, "A and b must be given together"),
+        ({"A": [[1, 0, 0]], "b": [1]}, r"A must have shape \(1, 2\)"),
+    ],
+)
+def test_equality_rows_have_shapes(data, message):
+    with pytest.raises(ConfigurationError, match=message):
+        QuadraticProgram(np.eye(2), [0, 0], **data)
