@@ -34,16 +34,23 @@ class BatchState(NamedTuple):
     brake : last certified command, shape (B, 2)
     ticks : ticks that its brake needs to rest, shape (B,)
     sent : command last sent, shape (B, 2)
+    verified : whether that brake was found to keep the view, shape (B,)
     """
 
     brake: Array
     ticks: NDArray[np.int64]
     sent: Array
+    verified: NDArray[np.bool_]
 
     @classmethod
     def at_rest(cls, count: int) -> BatchState:
         """The state of robots that have not moved yet."""
-        return cls(np.zeros((count, 2)), np.zeros(count, dtype=np.int64), np.zeros((count, 2)))
+        return cls(
+            np.zeros((count, 2)),
+            np.zeros(count, dtype=np.int64),
+            np.zeros((count, 2)),
+            np.ones(count, dtype=np.bool_),
+        )
 
 
 class BatchDecision(NamedTuple):
@@ -123,7 +130,7 @@ def filter_batch(
     moves = _shaped("applied", applied, count, (2,))
     before = BatchState.at_rest(count) if state is None else state
     for name, array, shape in zip(
-        before._fields, before, ((count, 2), (count,), (count, 2)), strict=True
+        before._fields, before, ((count, 2), (count,), (count, 2), (count,)), strict=True
     ):
         if np.shape(array) != shape:
             raise ConfigurationError(f"state.{name} must have shape {shape}, got {array.shape}")
@@ -141,13 +148,15 @@ def filter_batch(
             np.ascontiguousarray(rows[here].T)
             for rows in (wants, seen, moves, before.sent, before.brake)
         )
-        brakes = Brakes(brake_t, before.ticks[here].astype(np.float64))
+        ticks = before.ticks[here].astype(np.float64)
+        brakes = Brakes(brake_t, ticks, before.verified[here].copy())
         ticked = tick(config, nominal_t, feature_t, applied_t, sent_t, brakes)
         after.twist[here] = after.state.sent[here] = ticked.twist.T
         after.status[here], after.certified[here] = ticked.status, ticked.certified
         after.clearance[here], after.slack[here] = ticked.clearance, ticked.slack
         after.state.brake[here] = ticked.brakes.twist.T
         after.state.ticks[here] = ticked.brakes.ticks
+        after.state.verified[here] = ticked.brakes.verified
     return after
 
 

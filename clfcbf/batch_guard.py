@@ -25,16 +25,18 @@ ADMITTED, REPLACED, BRAKED = np.uint8(0), np.uint8(1), np.uint8(2)
 
 
 class Brakes(NamedTuple):
-    """Certified brakes, see :class:`clfcbf.guard.Brake`: twists (2, n) and ticks left (n,)."""
+    """Brakes at hand, see :class:`clfcbf.guard.Brake`: twists (2, n), ticks left, verified (n,)."""
 
     twist: Array
     ticks: Array
+    verified: Mask
 
     def next(self) -> Brakes:
         """One tick on: the same curvature, slower by one part in ``ticks``."""
         moving = self.ticks > 1.0
         factor = 1.0 - 1.0 / np.where(moving, self.ticks, 1.0)  # 0 at the last tick
-        return Brakes(self.twist * factor, np.where(moving, self.ticks - 1.0, 0.0))
+        verified = self.verified | (self.ticks == 0.0)
+        return Brakes(self.twist * factor, np.where(moving, self.ticks - 1.0, 0.0), verified)
 
 
 class ArrayGuarded(NamedTuple):
@@ -100,7 +102,8 @@ class ArrayGuard:
             v / (self.limits.a_max * self.period),
             omega / (self.limits.alpha_max * self.period),
         )
-        return Brakes(twist, np.ceil(np.maximum(v, omega)))
+        ticks = np.ceil(np.maximum(v, omega))
+        return Brakes(twist, ticks, ticks == 0.0)
 
     def clearance(
         self, points: Array, poses: tuple[Array, ...] = (), blur: Array | float = 0.0
@@ -117,10 +120,13 @@ class ArrayGuard:
             np.maximum(widest, self._bearing(x, y, shift), out=widest)
         for a, b, turn in poses:
             c, s = np.cos(turn), np.sin(turn)
+            away = np.abs(np.mod(turn + math.pi, 2.0 * math.pi) - math.pi)
+            widest[away > half_angle - abs(self.camera.camera.theta)] = np.inf
             for x, y in points:
                 d_x, d_y = x - a, y - b
                 seen = c * d_x + s * d_y, c * d_y - s * d_x
                 np.maximum(widest, self._bearing(*seen, shift), out=widest)
+                widest[~(seen[0] > 0.0) | ~(x > 0.0)] = np.inf
         return np.where(widest < 0.5 * math.pi, half_angle - widest, -np.inf)
 
     def _bearing(self, x: Array, y: Array, shift: Array | float) -> Array:
@@ -132,7 +138,7 @@ class ArrayGuard:
 
     def admissible(self, points: Array, body: Array, brakes: Brakes, floor: Array) -> Mask:
         """Whether brakes are safe from here to rest, see :meth:`clfcbf.guard.Guard.admissible`."""
-        twist, ticks = brakes
+        twist, ticks, _ = brakes
         duration = 0.5 * self.period * (ticks + 1.0)
         braked = arcs(twist, duration)
         if not self.lag:
@@ -140,8 +146,10 @@ class ArrayGuard:
         blur = np.abs(body[0] * twist[1] - twist[0] * body[1]) * duration * self.lag
         coasted = arcs(body, self.lag)
         poses = coasted, braked, composed(coasted, braked)
-        unavoidable = np.minimum(floor, self.clearance(points, (coasted,), blur))
-        return self.clearance(points, poses, blur) >= np.where(floor < 0.0, unavoidable, floor)
+        unavoidable = np.minimum(floor, self.clearance(points, (coasted,)))
+        outside = floor < 0.0
+        blur = np.where(outside, 0.0, blur)
+        return self.clearance(points, poses, blur) >= np.where(outside, unavoidable, floor)
 
     def filter(
         self, wanted: Array, points: Array, body: Array, box: Array, last: Brakes
@@ -155,8 +163,13 @@ class ArrayGuard:
         ahead = clearance > -np.inf
         sent = self.brakes_from(wanted.copy())
         good = self.admissible(points, body, sent, floor) & ahead
+        sure = good & self._certifies(sent.twist, floor)
         answer = ArrayGuarded(
-            wanted.copy(), sent, np.where(good, ADMITTED, BRAKED), good.copy(), clearance
+            wanted.copy(),
+            sent._replace(verified=sure),
+            np.where(good, ADMITTED, BRAKED),
+            sure.copy(),
+            clearance,
         )
         at = np.flatnonzero(~good)
         if at.size:
@@ -165,11 +178,12 @@ class ArrayGuard:
                 points[:, :, at],
                 body[:, at],
                 box[:, at],
-                Brakes(last.twist[:, at], last.ticks[at]),
+                Brakes(last.twist[:, at], last.ticks[at], last.verified[at]),
                 np.where(ahead[at], floor[at], np.nan),
             )
             answer.twist[:, at], answer.brakes.twist[:, at] = refused.twist, refused.brakes.twist
             answer.brakes.ticks[at] = refused.brakes.ticks
+            answer.brakes.verified[at] = refused.brakes.verified
             answer.verdict[at], answer.certified[at] = refused.verdict, refused.certified
         return answer
 
@@ -180,16 +194,9 @@ class ArrayGuard:
         last = last.next()
         safe = clipped(box, last.twist)
         # Outside the box the chassis did not follow the brake: its certificate is void.
-        certified = within(box, last.twist)
-        fresh = self.brakes_from(safe)
+        brakes = self.kept(box, last, safe)
         answer = ArrayGuarded(
-            safe.copy(),
-            Brakes(
-                np.where(certified, last.twist, safe), np.where(certified, last.ticks, fresh.ticks)
-            ),
-            np.full(certified.shape, BRAKED),
-            certified,
-            floor,
+            safe.copy(), brakes, np.full(len(floor), BRAKED), brakes.verified.copy(), floor
         )
         at = np.flatnonzero(floor == floor)
         for other in between(safe, wanted, box):
@@ -200,8 +207,29 @@ class ArrayGuard:
             here, at = at[good], at[~good]
             answer.twist[:, here] = answer.brakes.twist[:, here] = new.twist[:, good]
             answer.brakes.ticks[here] = new.ticks[good]
-            answer.verdict[here], answer.certified[here] = REPLACED, True
+            sure = self._certifies(new.twist[:, good], floor[here])
+            answer.brakes.verified[here] = answer.certified[here] = sure
+            answer.verdict[here] = REPLACED
         return answer
+
+    def _certifies(self, twist: Array, floor: Array) -> Mask:
+        """Whether an admitted command is a certified one: in view, and inside the speed limits."""
+        limits = self.limits
+        least, most = limits.reverse_speed - ROUNDING, limits.v_max + ROUNDING
+        inside = (least <= twist[0]) & (twist[0] <= most)
+        inside &= np.abs(twist[1]) <= limits.omega_max + ROUNDING
+        sure: Mask = inside & (floor == 0.0)
+        return sure
+
+    def kept(self, box: Array, last: Brakes, safe: Array) -> Brakes:
+        """The countdowns where the chassis can follow them, else fresh and unverified brakes."""
+        follows = within(box, last.twist)
+        fresh = self.brakes_from(safe)
+        return Brakes(
+            np.where(follows, last.twist, safe),
+            np.where(follows, last.ticks, fresh.ticks),
+            np.where(follows, last.verified, fresh.verified),
+        )
 
 
 def between(safe: Array, wanted: Array, box: Array) -> Iterator[Array]:

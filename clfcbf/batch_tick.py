@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from clfcbf.batch_guard import BRAKED, REPLACED, ArrayGuard, Brakes, clipped, within
+from clfcbf.batch_guard import BRAKED, REPLACED, ArrayGuard, Brakes, clipped
 from clfcbf.constraints.cbf import Edge
 from clfcbf.decision import Status
 from clfcbf.limits import Limits
@@ -97,13 +97,12 @@ def tick(
 def _stop(guard: ArrayGuard, box: Array, brakes: Brakes, stopped: Mask, ticked: Ticked) -> None:
     """Put the certified brake, inside the input box, in the columns ``stopped``."""
     at = np.flatnonzero(stopped)
-    last = Brakes(brakes.twist[:, at], brakes.ticks[at]).next()
+    last = Brakes(brakes.twist[:, at], brakes.ticks[at], brakes.verified[at]).next()
     twist = clipped(box[:, at], last.twist)
-    certified = within(box[:, at], last.twist)
-    fresh = guard.brakes_from(twist)
-    ticked.twist[:, at], ticked.certified[at] = twist, certified
-    ticked.brakes.twist[:, at] = np.where(certified, last.twist, twist)
-    ticked.brakes.ticks[at] = np.where(certified, last.ticks, fresh.ticks)
+    kept = guard.kept(box[:, at], last, twist)
+    ticked.twist[:, at], ticked.certified[at] = twist, kept.verified
+    ticked.brakes.twist[:, at], ticked.brakes.ticks[at] = kept.twist, kept.ticks
+    ticked.brakes.verified[at] = kept.verified
     ticked.clearance[at], ticked.slack[at] = np.nan, 0.0
 
 

@@ -178,13 +178,14 @@ class DockingController:
         period: float,
         backend: str = "exact",
         *,
+        weight: tuple[float, float, float] = defaults.QP_WEIGHT,
         lag: float = 0.0,
         guard_lag: float = defaults.GUARD_LAG,
         barriers: Sequence[Barrier | FieldOfView] = (),
         **options: Any,
     ) -> None:
         made = as_barriers((camera, *barriers), limits, check_period(period), guard_lag)
-        base = FilterConfig(limits, made, period, backend, lag=lag, guard_lag=guard_lag)
+        base = FilterConfig(limits, made, period, backend, weight, lag=lag, guard_lag=guard_lag)
         self.config = DockingConfig(base, camera, standoff, **options)
         self.state = DockingState()
 
@@ -207,12 +208,15 @@ class DockingController:
         """From the next tick on reverse straight out by ``distance`` [m], then be done."""
         if not (math.isfinite(distance) and distance > 0.0):
             raise ConfigurationError(f"distance must be finite and positive [m], got {distance!r}")
-        self.state = self.state._replace(
-            legs=(), undock=distance, phase=Phase.WAITING, reason="", attempts=0
-        )
+        if self.config.filter.limits.reverse_speed == 0.0:
+            raise ConfigurationError("undocking needs reverse, which v_min = 0 forbids")
+        self._begin_task(distance)
 
     def dock(self) -> None:
         """Start anew from the next tick on, keeping what is known of target and motion."""
+        self._begin_task(0.0)
+
+    def _begin_task(self, undock: float) -> None:
         self.state = self.state._replace(
-            legs=(), undock=0.0, phase=Phase.WAITING, reason="", attempts=0
+            legs=(), undock=undock, phase=Phase.WAITING, reason="", attempts=0, unseen=0.0
         )

@@ -27,6 +27,8 @@ class Status(Enum):
     """The guard refused the program's answer and sent another admissible command."""
     BRAKING = "braking"
     """Nothing admissible was left: the certified brake."""
+    STOPPED = "stopped"
+    """No program was run: the controller stands or stops of its own accord, phase tells why."""
     STALE = "stale"
     """No measurement for longer than the patience: braking."""
     NO_TARGET = "no target"

@@ -114,11 +114,14 @@ PATIENCE = 2.0
 GIVE_UP = 7.0
 """[s] Without a measurement for so long the target is lost."""
 
-ATTEMPTS = 6
+ATTEMPTS = 8
 """Plans before it gives up; one is the rule, two where it has to back off."""
 
-STUCK_TIME = 1.5
-"""[s] At rest in the middle of a leg for so long, it plans anew."""
+STUCK_TIME = 8.0
+"""[s] Without a centimetre of progress for so long it plans anew; a turn by 90° takes 5 s."""
+
+STANDOFF_ERROR = 0.1
+"""[m] A feature seen so far from where the standoff puts it is not the one configured."""
 
 OFF_COURSE = 0.08
 """[m] Farther beside its path than any disturbance it was designed for: plan anew."""

@@ -16,7 +16,14 @@ from clfcbf.camera import FieldOfView
 from clfcbf.constraints.clf import witnessed_clf
 from clfcbf.decision import Decision, Phase, Status
 from clfcbf.errors import ConfigurationError, PlanningError
-from clfcbf.estimation import NoiseModel, TargetEstimate, grown, measured, reckoned
+from clfcbf.estimation import (
+    NoiseModel,
+    TargetEstimate,
+    grown,
+    is_covariance,
+    measured,
+    reckoned,
+)
 from clfcbf.laws.kanayama import Kanayama
 from clfcbf.scene import Observation, Scene
 from clfcbf.se2 import Pose2, Twist, arc, is_finite
@@ -27,6 +34,7 @@ from clfcbf.trajectories.legs import Leg, Path
 from clfcbf.trajectories.planner import Planner
 
 _HERE = Pose2(0.0, 0.0, 0.0)
+_PROGRESS = 0.01  # [m] along the leg, above what noise alone can feign
 
 __all__ = ["DockingConfig", "DockingInputs", "DockingState", "docking_tick", "observed"]
 
@@ -64,12 +72,19 @@ class DockingConfig:
     law: Kanayama = field(init=False)
 
     def __post_init__(self) -> None:
+        if not 0.0 < self.fraction <= 1.0:
+            raise ConfigurationError(f"fraction must be in (0, 1], got {self.fraction!r}")
         for name in ("lateral_tolerance", "patience", "give_up"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigurationError(f"{name} must be finite and positive, got {value!r}")
-        if self.attempts < 1:
-            raise ConfigurationError(f"attempts must be at least 1, got {self.attempts!r}")
+        if not self.patience <= min(self.give_up, self.filter.patience):
+            raise ConfigurationError(
+                f"patience must be at most give_up and the filter's, {self.give_up!r} s and "
+                f"{self.filter.patience!r} s, got {self.patience!r}"
+            )
+        if not (isinstance(self.attempts, int) and self.attempts >= 1):
+            raise ConfigurationError(f"attempts must be an integer >= 1, got {self.attempts!r}")
         planner = Planner(
             self.filter.guard, self.camera, self.standoff, self.filter.lag, self.gains
         )
@@ -82,18 +97,21 @@ class DockingState(NamedTuple):
     """What a tick leaves to the next.
 
     ``legs`` is the plan in the goal's frame (empty: none), ``leg`` the index of the leg in
-    progress and ``s`` the arc length reached on it; ``stuck`` counts the ticks at rest in the
-    middle of a leg, ``attempts`` the plans made.
+    progress and ``s`` the arc length reached on it; ``idle`` counts the ticks since it last came
+    a centimetre further, ``attempts`` the plans made. ``unseen`` is the time since the last
+    accepted measurement [s], ``latest`` the newest stamp.
     """
 
     base: FilterState = FilterState()
     target: TargetEstimate | None = None
     offset: Pose2 = Pose2(0.0, 0.0, 0.0)
-    seen: float = -math.inf
+    unseen: float = 0.0
+    latest: float = -math.inf
     legs: tuple[Leg, ...] = ()
     leg: int = 0
     s: float = 0.0
-    stuck: int = 0
+    mark: float = 0.0
+    idle: int = 0
     attempts: int = 0
     undock: float = 0.0
     phase: Phase = Phase.WAITING
@@ -115,9 +133,12 @@ def docking_tick(
     base = config.filter
     before = state.base.reckoning
     begun = begin(base, state.base, applied, now)
-    if begun.fault is not None:
-        return _stopped(config, state, begun, begun.fault)
     elapsed = begun.reckoning.time - before.time if before is not None else 0.0
+    if begun.fault is not None:
+        if elapsed < 0.0:  # the stamps of a clock that jumped back mean nothing any more
+            state = state._replace(latest=-math.inf)
+        state = state._replace(unseen=state.unseen + base.period)
+        return _stopped(config, state, begun, begun.fault)
     try:
         return _docked(config, state, begun, observation, elapsed)
     except Exception as error:  # whatever a barrier or a backend raises, a command must go out
@@ -135,7 +156,7 @@ def _docked(
     base = config.filter
     state, fault = observed(config, state, begun, observation, elapsed)
     if state.phase in (Phase.DONE, Phase.FAILED):
-        return _stopped(config, state, begun, Status.OPTIMAL)
+        return _stopped(config, state, begun, Status.STOPPED)
     if fault is not None:
         return _stopped(config, state, begun, fault)
     if state.target is None:
@@ -145,24 +166,25 @@ def _docked(
     ahead = pose.compose(coast)
     if not state.legs:
         if not at_rest(begun.applied):
-            return _stopped(config, state._replace(phase=Phase.STOPPING), begun, Status.OPTIMAL)
+            return _stopped(config, state._replace(phase=Phase.STOPPING), begun, Status.STOPPED)
         if state.target.accepted < defaults.FIRST_LOOKS:
             return _stopped(config, state, begun, Status.NO_TARGET)
         state = _planned(config, state, ahead)
-        if state.phase is Phase.FAILED:
-            return _stopped(config, state, begun, Status.OPTIMAL)
+        if state.phase in (Phase.FAILED, Phase.DONE):
+            return _stopped(config, state, begun, Status.STOPPED)
     state, following = _followed(config, state, begun, ahead)
     if following is None:
-        return _stopped(config, state, begun, Status.OPTIMAL)
+        return _stopped(config, state, begun, Status.STOPPED)
     goal = pose.inverse()
     scene = Scene(goal, goal.compose(state.offset), begun.reckoning.time)
     reference = following.reference
     nominal = following.twist
     row = witnessed_clf(reference.pose, reference.twist, config.law, config.fraction, nominal)
     decision, after = finish(base, begun, nominal, scene, _HERE, coast, (row,))
-    resting = at_rest(decision.twist) and not following.arrived
-    state = state._replace(base=after, s=following.s, stuck=state.stuck + 1 if resting else 0)
-    if state.stuck * base.period > defaults.STUCK_TIME:
+    state = state._replace(base=after, s=following.s, idle=state.idle + 1)
+    if following.s > state.mark + _PROGRESS or following.s < state.mark:
+        state = state._replace(mark=following.s, idle=0)
+    if state.idle * base.period > defaults.STUCK_TIME:
         state = _replan(state, "stuck")
     return decision._replace(phase=state.phase, reason=state.reason), state
 
@@ -187,49 +209,68 @@ def observed(
     """The estimate brought to now and corrected with the measurement, if there is a sound one."""
     reckoning, target = begun.reckoning, state.target
     fault: Status | None = None
+    state = state._replace(unseen=state.unseen + max(elapsed, 0.0))
     if target is not None:
         target = grown(target, reckoning.body, elapsed, config.noise, reckoning.pose)
         state = state._replace(target=target)
-    if observation is not None:
+    if observation is not None and not observation.stamp <= state.latest:
         fault = _unsound(config, observation, reckoning.time)
         if fault is None:
             captured_from = reckoned(reckoning, observation.stamp)
             target, verdict = measured(target, observation, captured_from, config.noise)
-            state = state._replace(target=target)
+            state = state._replace(target=target, latest=observation.stamp)
             if verdict.accepted:
-                offset = observation.goal.relative(Pose2(*observation.feature))
-                state = state._replace(offset=offset, seen=reckoning.time)
-    unseen = reckoning.time - state.seen
-    if target is not None and unseen > config.patience and state.phase is not Phase.DONE:
-        if unseen > config.give_up and state.phase is not Phase.FAILED:
-            state = state._replace(phase=Phase.FAILED, reason=f"target lost for {unseen:.1f} s")
+                offset = observation.goal.relative(_pose(observation.feature))
+                unseen = max(reckoning.time - observation.stamp, 0.0)
+                state = state._replace(offset=offset, unseen=unseen)
+    blind = state.undock > 0.0 or state.phase in (Phase.DONE, Phase.FAILED)
+    if target is not None and state.unseen > config.patience and not blind:
+        if state.unseen > config.give_up:
+            reason = f"target lost for {state.unseen:.1f} s"
+            state = state._replace(phase=Phase.FAILED, reason=reason)
         return state._replace(legs=()), Status.STALE
     return state, fault
 
 
+def _pose(feature: Pose2) -> Pose2:
+    """A feature as a pose; a bare point has no heading of its own."""
+    return Pose2(feature[0], feature[1], feature[2] if len(feature) > 2 else 0.0)
+
+
 def _unsound(config: DockingConfig, observation: Observation, now: float) -> Status | None:
-    values = [*observation.goal, *observation.feature, observation.stamp]
-    for row in observation.covariance or ():
-        values += row
-    if not is_finite(tuple(values)):
+    if not is_finite((*observation.goal, *observation.feature, observation.stamp)):
+        return Status.INVALID_INPUT
+    if observation.covariance is not None and not is_covariance(observation.covariance):
         return Status.INVALID_INPUT
     if observation.stamp > now + config.filter.period:
         return Status.CLOCK_ERROR
     if now - observation.stamp > config.patience:
         return Status.STALE
-    if (
-        abs(config.camera.bearing((observation.feature[0], observation.feature[1])))
-        >= 0.5 * math.pi
-    ):
+    seen = (observation.feature[0], observation.feature[1])
+    if abs(config.camera.bearing(seen)) >= 0.5 * math.pi:
         return Status.OUT_OF_VIEW
+    x, y = observation.goal.seen(seen)
+    if math.hypot(x - config.standoff, y) > defaults.STANDOFF_ERROR:
+        return Status.INVALID_INPUT
     return None
 
 
 def _planned(config: DockingConfig, state: DockingState, pose: Pose2) -> DockingState:
     """A plan from where the robot stands; failed, with the reason, where there is none."""
-    if state.undock > 0.0:
+    if state.undock > 0.0 and state.attempts == 0:
         leg = arc_path(pose, state.undock, 0.0, config.planner.limits, -1)
-        return state._replace(legs=(leg,), leg=0, s=0.0, phase=Phase.UNDOCKING)
+        return state._replace(
+            legs=(leg,), leg=0, s=0.0, mark=0.0, idle=0, attempts=1, phase=Phase.UNDOCKING
+        )
+    if state.undock > 0.0:
+        return state._replace(phase=Phase.FAILED, reason=f"undocking stopped: {state.reason}")
+    gains = config.gains
+    if (
+        abs(pose.x) < gains.done_x
+        and abs(pose.y) <= config.lateral_tolerance
+        and abs(pose.theta) < gains.done_theta
+    ):
+        return state._replace(phase=Phase.DONE)
     if state.attempts >= config.attempts:
         reason = f"gave up after {state.attempts} plans; the last one: {state.reason}"
         return state._replace(phase=Phase.FAILED, reason=reason)
@@ -238,7 +279,7 @@ def _planned(config: DockingConfig, state: DockingState, pose: Pose2) -> Docking
     except PlanningError as error:
         return state._replace(phase=Phase.FAILED, reason=str(error))
     return state._replace(
-        legs=plan.legs, leg=0, s=0.0, stuck=0, attempts=state.attempts + 1,
+        legs=plan.legs, leg=0, s=0.0, mark=0.0, idle=0, attempts=state.attempts + 1,
         phase=_phase(plan.legs, 0),
     )  # fmt: skip
 
@@ -251,7 +292,7 @@ def _phase(legs: tuple[Leg, ...], index: int) -> Phase:
 
 
 def _replan(state: DockingState, reason: str) -> DockingState:
-    return state._replace(legs=(), leg=0, s=0.0, stuck=0, reason=reason)
+    return state._replace(legs=(), leg=0, s=0.0, mark=0.0, idle=0, reason=reason)
 
 
 def _followed(
@@ -269,7 +310,7 @@ def _followed(
             return state._replace(phase=Phase.DONE, legs=()), None
         if not last:
             # The estimate is better now than when the plan was made, so the rest is planned anew.
-            return _replan(state._replace(attempts=state.attempts - 1), state.reason), None
+            return _replan(state, state.reason), None
         sideways = abs(following.reference.pose.y)
         if sideways <= config.lateral_tolerance:
             return state._replace(phase=Phase.DONE, legs=()), None

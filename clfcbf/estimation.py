@@ -25,21 +25,25 @@ __all__ = [
     "advance",
     "body_after",
     "coast",
+    "grown",
+    "is_covariance",
     "measured",
     "motion_since",
     "reckoned",
 ]
 
+_FLOOR = 1e-14
+"""[m², rad²] Variance added to any measurement, so that an exact one can be inverted."""
+
 _new = tuple.__new__  # makes a named tuple in half the time of its own constructor
-_MEMORY = 32
-"""Ticks of motion kept: one second at 30 Hz, eight times the latency it must cover."""
 
 
 class DeadReckoning(NamedTuple):
     """Motion of the robot since it was switched on, from the commands it accepted.
 
     ``body`` is the modelled twist of the body at ``time``; ``past`` holds the instants
-    before, oldest first, each with its pose and the mean twist held from there on.
+    before, oldest first, each with its pose and the mean twist held from there on. Before the
+    first instant the robot is taken to have stood still.
     """
 
     time: float
@@ -66,17 +70,25 @@ def body_after(body: Twist, command: Twist, duration: float, lag: float) -> tupl
     )
 
 
-def advance(reckoning: DeadReckoning, applied: Twist, now: float, lag: float) -> DeadReckoning:
+def advance(
+    reckoning: DeadReckoning, applied: Twist, now: float, lag: float, memory: float = math.inf
+) -> DeadReckoning:
     """Bring the reckoning to ``now`` with ``applied`` in force since its last instant.
 
-    A clock that stands still or runs backward leaves it as it is.
+    A clock that stands still or runs backward leaves it as it is. Instants older than
+    ``memory`` [s] are forgotten, at most two at a time.
     """
     duration = now - reckoning.time
     if not duration > 0.0:
         return reckoning
     body, mean = body_after(reckoning.body, applied, duration, lag)
     step = (reckoning.time, reckoning.pose, mean)
-    past = (*reckoning.past[1 - _MEMORY :], step)
+    past = reckoning.past
+    # The second oldest tells: what lies between it and the oldest may still be asked for.
+    forget = 0
+    while forget < 2 and len(past) > forget + 1 and past[forget + 1][0] < now - memory:
+        forget += 1
+    past = (*past[forget:], step)
     return _new(DeadReckoning, (now, reckoning.pose.moved(mean, duration), body, past))
 
 
@@ -171,6 +183,23 @@ def _as_covariance(matrix: NDArray[np.float64]) -> Covariance:
     return ((xx, xy, xt), (xy, yy, yt), (xt, yt, tt))
 
 
+def is_covariance(values: Covariance) -> bool:
+    """Whether ``values`` are a 3 by 3 covariance: finite, symmetric, no negative variance.
+
+    All zeros, which some drivers send for "unknown", are not.
+    """
+    try:
+        matrix = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        return False
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+        return False
+    largest = float(np.abs(matrix).max())
+    symmetric = bool(np.allclose(matrix, matrix.T, rtol=1e-6, atol=1e-9 * largest))
+    least = float(np.linalg.eigvalsh(0.5 * (matrix + matrix.T)).min())
+    return largest > 0.0 and symmetric and least >= -1e-9 * largest
+
+
 def _difference(a: Pose2, b: Pose2) -> NDArray[np.float64]:
     return np.array([a[0] - b[0], a[1] - b[1], wrap_angle(a[2] - b[2])])
 
@@ -192,7 +221,7 @@ def measured(
     if observation.covariance is None:
         noise = np.diag([model.sigma_xy**2, model.sigma_xy**2, model.sigma_theta**2])
     else:
-        noise = np.array(observation.covariance)
+        noise = np.array(observation.covariance) + _FLOOR * np.eye(3)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     noise = turn @ noise @ turn.T
     if estimate is None:

@@ -44,16 +44,20 @@ FALLBACKS = (0.75, 0.5, 0.25)
 
 
 class Brake(NamedTuple):
-    """The certified brake: the last certified command and the ticks it needs to rest."""
+    """The brake at hand: the command it starts from and the ticks it needs to rest.
+
+    ``verified`` says that it was found to keep every barrier; to stand still needs no proof.
+    """
 
     twist: Twist
     ticks: int
+    verified: bool = False
 
     def next(self) -> Brake:
         """One tick on: the same curvature, slower by one part in ``ticks``."""
         if self.ticks <= 1:
-            return Brake(_REST, 0)
-        return Brake(self.twist.scaled(1.0 - 1.0 / self.ticks), self.ticks - 1)
+            return Brake(_REST, 0, self.ticks == 0 or self.verified)
+        return Brake(self.twist.scaled(1.0 - 1.0 / self.ticks), self.ticks - 1, self.verified)
 
 
 class Verdict(Enum):
@@ -120,7 +124,8 @@ class Guard:
 
     def brake_from(self, twist: Twist) -> Brake:
         """The same-curvature brake from ``twist``."""
-        return _new(Brake, (twist, self.limits.brake_ticks(twist, self.period)))
+        ticks = self.limits.brake_ticks(twist, self.period)
+        return _new(Brake, (twist, ticks, ticks == 0))
 
     def admissible(
         self,
@@ -155,7 +160,7 @@ class Guard:
         four corners, each with that blur, answer for all of it, for a camera whose view
         contains the forward direction even when turned by the arc.
         """
-        twist, ticks = brake
+        twist, ticks, _ = brake
         duration = 0.5 * self.period * (ticks + 1)
         braked = motion.moved(twist, duration)
         if not self.lag:
@@ -164,7 +169,7 @@ class Guard:
         coasted = motion.moved(body, self.lag)
         unavoidable = (motion, coasted)
         if floor < 0.0:  # outside, what no command can change is no reason to refuse the way back
-            floor = min(floor, self.clearance(scene, unavoidable, blur))
+            floor, blur = min(floor, self.clearance(scene, unavoidable)), 0.0
         corners = (*unavoidable, braked, coasted.moved(twist, duration))
         return self.clearance(scene, corners, blur) >= floor
 
@@ -208,7 +213,8 @@ class Guard:
         -----
         Outside the safe set (found there, or put there by a nudge) the clearance to be kept is
         the one there is: what does not make things worse is admissible, so the robot can turn
-        back. Where no barrier says which way back is (minus infinity) it brakes.
+        back. Where no barrier says which way back is (minus infinity) it brakes. Nothing is
+        certified there, nor outside the speed limits, where the next command is a forced one.
         """
         new = self.brake_from(wanted)
         clearance, least = self._around(scene, body, new, motion)
@@ -216,7 +222,9 @@ class Guard:
         if least >= 0.0 or (
             clearance > -math.inf and self.admissible(scene, body, new, floor, motion)
         ):
-            return _new(Guarded, (wanted, new, Verdict.ADMITTED, True, clearance))
+            sure = floor == 0.0 and self.limits.contains(wanted, ROUNDING)
+            brake = _new(Brake, (wanted, new[1], sure))
+            return _new(Guarded, (wanted, brake, Verdict.ADMITTED, sure, clearance))
         last = brake.next()
         safe = box.clip(last.twist)
         coasted = motion.moved(body, self.lag)
@@ -225,11 +233,12 @@ class Guard:
             for other in _between(safe, wanted, box):
                 new = self.brake_from(other)
                 if self.admissible(scene, body, new, floor, motion):
-                    return Guarded(other, new, Verdict.REPLACED, True, clearance)
+                    sure = floor == 0.0 and self.limits.contains(other, ROUNDING)
+                    kept = Brake(other, new.ticks, sure)
+                    return Guarded(other, kept, Verdict.REPLACED, sure, clearance)
         # Outside the box the chassis did not follow the brake: its certificate is void.
-        certified = box.contains(last.twist, ROUNDING)
-        kept = last if certified else self.brake_from(safe)
-        return Guarded(safe, kept, Verdict.BRAKED, certified, clearance)
+        kept = last if box.contains(last.twist, ROUNDING) else self.brake_from(safe)
+        return Guarded(safe, kept, Verdict.BRAKED, kept.verified, clearance)
 
 
 def _between(safe: Twist, wanted: Twist, box: InputBox) -> Iterator[Twist]:

@@ -72,9 +72,12 @@ def as_barriers(
     """
     gain = 1.0 / (limits.brake_horizon(period) + lag)
     made: list[Barrier] = []
+    cameras = 0
     for barrier in barriers:
         if isinstance(barrier, FieldOfView):
-            barrier = FieldOfViewBarrier(barrier, gain, defaults.VIEW_MARGIN)
+            cameras += 1
+            name = "fov" if cameras == 1 else f"fov{cameras}"
+            barrier = FieldOfViewBarrier(barrier, gain, defaults.VIEW_MARGIN, name)
         made.append(barrier)
     return tuple(made)
 

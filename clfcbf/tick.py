@@ -47,6 +47,13 @@ _new = tuple.__new__  # makes a named tuple in half the time of its own construc
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
 _REST = Twist(0.0, 0.0)
 
+_LATE = 1.5
+"""Periods after which the last command counts as held for too long."""
+
+_ABSURD = 1e2
+"""[m/s, rad/s] So far beyond the limits a command in force is a wrong unit or worse: the answer
+still moves from it at the acceleration limit, but the robot is not believed to follow it."""
+
 TOLERANCE = 1e-9
 """Rounding allowed when an answer is verified [m/s and rad/s]."""
 
@@ -91,6 +98,15 @@ class FilterConfig:
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ConfigurationError(f"{name} must be finite and at least 0 s, got {value!r}")
+        for barrier in self.barriers:
+            if not isinstance(barrier, Barrier):
+                raise ConfigurationError(
+                    f"not a barrier: {barrier!r}; it needs name, rows, clearance and "
+                    "clearance_around, see clfcbf.Barrier"
+                )
+        names = [barrier.name for barrier in self.barriers]
+        if len(set(names)) < len(names):
+            raise ConfigurationError(f"each barrier needs a name of its own, got {names!r}")
         if self.guard_lag < self.lag:
             raise ConfigurationError(
                 f"guard_lag must cover lag: got guard_lag={self.guard_lag!r} < lag={self.lag!r}"
@@ -103,14 +119,15 @@ class FilterState(NamedTuple):
     """What a tick leaves to the next: motion so far, certified brake, command last sent."""
 
     reckoning: DeadReckoning | None = None
-    brake: Brake = Brake(_REST, 0)
+    brake: Brake = Brake(_REST, 0, True)
     sent: Twist = _REST
 
 
 class Begun(NamedTuple):
     """A tick's start: the command in force, what can be reached from it, and the motion so far.
 
-    ``fault`` is set where an input was not usable; the tick then ends in a brake.
+    ``fault`` is set where an input was not usable; the tick then ends in a brake. ``late`` says
+    that the last command was held for longer than the period, so nothing is certified now.
     """
 
     applied: Twist
@@ -118,6 +135,7 @@ class Begun(NamedTuple):
     reckoning: DeadReckoning
     brake: Brake
     fault: Status | None
+    late: bool
 
 
 def begin(config: FilterConfig, state: FilterState, applied: Twist, now: float) -> Begun:
@@ -127,37 +145,48 @@ def begin(config: FilterConfig, state: FilterState, applied: Twist, now: float) 
     keeps the reckoning; one that jumps back restarts it where the robot is.
     """
     fault: Status | None = None
-    if not is_finite(applied):
+    if not _is_twist(applied):
         applied, fault = state.sent, Status.INVALID_INPUT
     if type(applied) is not Twist:
         applied = Twist(*applied)
-    reckoning = state.reckoning
+    followed = applied
+    if not config.limits.contains(applied, _ABSURD):
+        followed, fault = state.sent, Status.INVALID_INPUT
+    reckoning, brake = state.reckoning, state.brake
+    ticking = isinstance(now, (int, float)) and math.isfinite(now)
+    late = reckoning is not None and not (ticking and now - reckoning.time < _LATE * config.period)
     if reckoning is None:
-        if math.isfinite(now):
-            reckoning = DeadReckoning(now, _ORIGIN, applied)
-        else:
-            reckoning, fault = DeadReckoning(0.0, _ORIGIN, applied), Status.CLOCK_ERROR
-    elif not (math.isfinite(now) and now > reckoning.time):
+        reckoning = DeadReckoning(now if ticking else 0.0, _ORIGIN, followed)
+        fault = fault if ticking else Status.CLOCK_ERROR
+    elif not (ticking and now > reckoning.time):
         fault = Status.CLOCK_ERROR
-        if now < reckoning.time:
+        if ticking and now < reckoning.time:
             reckoning = DeadReckoning(now, reckoning.pose, reckoning.body)
+    else:
+        reckoning = advance(reckoning, followed, now, config.lag, config.patience)
+    if late or fault is Status.CLOCK_ERROR:
+        brake = Brake(brake.twist, brake.ticks, brake.ticks == 0)
     box = config.limits.input_box(applied, config.period)
+    return _new(Begun, (applied, box, reckoning, brake, fault, late))
+
+
+def _is_twist(applied: Twist) -> bool:
+    """Whether a command in force is two finite numbers."""
     try:
-        if fault is not Status.CLOCK_ERROR and reckoning.time < now:
-            reckoning = advance(reckoning, applied, now, config.lag)
-    except (ValueError, OverflowError):  # finite, but no motion of a robot
-        reckoning = DeadReckoning(reckoning.time, reckoning.pose, _REST, reckoning.past)
-        fault = Status.INVALID_INPUT
-    return _new(Begun, (applied, box, reckoning, state.brake, fault))
+        v, omega = applied
+        total = v + omega
+        return bool(total - total == 0.0)
+    except (TypeError, ValueError):
+        return False
 
 
 def stop(begun: Begun, status: Status, config: FilterConfig) -> tuple[Decision, FilterState]:
     """End a tick without a usable scene: the certified brake, inside the input box."""
     brake = begun.brake.next()
     twist = begun.box.clip(brake.twist)
-    certified = begun.box.contains(brake.twist, ROUNDING)
-    if not certified:
+    if not begun.box.contains(brake.twist, ROUNDING):
         brake = config.guard.brake_from(twist)
+    certified = brake.verified and not begun.late
     decision = Decision(
         twist, status, certified, twist, math.nan, box=begun.box, limits=config.limits
     )
@@ -210,7 +239,11 @@ def finish(
             else:
                 barrier_slack = max(barrier_slack, amount)
     twist, brake, verdict, certified, clearance = outcome
+    if begun.late and certified:
+        certified, brake = False, Brake(twist, brake.ticks, brake.ticks == 0)
     status = _status(outcome, slack, barrier_slack)
+    if status is Status.OPTIMAL and answer.violated:
+        status = Status.BARRIER_RELAXED
     decision = Decision(
         twist, status, certified, nominal, clearance, slack, barrier_slack, blocks, box,
         False, None, "", config.weight, answer, verdict, config.limits,

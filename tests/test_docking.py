@@ -290,3 +290,120 @@ def test_a_failed_episode_is_recorded_whole():
 def test_unknown_names_list_the_choices(field, value):
     with pytest.raises(ConfigurationError, match=r"choose|one of|valid"):
         EpisodeSpec(**{field: value})
+
+
+def drive(controller, plant, sensor, ticks, shift=0.0, cover=lambda k: False):
+    """Run some ticks by hand; the clock may be shifted, the camera covered."""
+    decisions = []
+    for k in range(ticks):
+        sensor.capture()
+        seen = sensor.observe()
+        if seen is not None and cover(k):
+            seen = None
+        if seen is not None and shift:
+            seen = Observation(seen.goal, seen.feature, seen.stamp + shift, seen.covariance)
+        decision = controller.step(seen, plant.applied(), plant.time + shift)
+        plant.send(decision.twist)
+        plant.advance(PERIOD)
+        decisions.append(decision)
+    return decisions
+
+
+def test_a_clock_that_jumps_back_does_not_hide_a_lost_target():
+    plant, sensor, controller, _ = make_run(facing(-1.8, 0.4, 0.1, WORLD))
+    drive(controller, plant, sensor, 60, shift=1000.0)
+    after = drive(controller, plant, sensor, 400, cover=lambda k: True)
+    assert after[0].status is Status.CLOCK_ERROR
+    assert after[-1].phase is Phase.FAILED
+    assert "lost" in after[-1].reason
+
+
+def test_a_clock_that_jumps_back_is_survived():
+    plant, sensor, controller, _ = make_run(facing(-1.5, 0.2, 0.1, WORLD))
+    drive(controller, plant, sensor, 60, shift=1000.0)
+    assert drive(controller, plant, sensor, 500)[-1].done
+    assert math.hypot(*plant.pose()[:2]) < 0.01
+
+
+def test_undocking_after_a_long_wait_needs_no_fresh_sight():
+    plant, sensor, controller, _ = make_run(facing(-1.2, 0.1, 0.0, WORLD))
+    assert drive(controller, plant, sensor, 400)[-1].done
+    assert drive(controller, plant, sensor, 900, cover=lambda k: True)[-1].done
+    controller.undock(0.5)
+    decisions = drive(controller, plant, sensor, 250, cover=lambda k: k > 10)
+    assert decisions[-1].done
+    assert plant.pose().x == pytest.approx(-0.5, abs=0.02)
+
+
+def test_undocking_without_reverse_is_refused():
+    limits = Limits(0.22, 0.4, 0.3, 1.0, v_min=0.0)
+    with pytest.raises(ConfigurationError, match="reverse"):
+        DockingController(limits, CAMERA, 0.6, PERIOD).undock(0.5)
+
+
+def test_one_measurement_twice_counts_once():
+    controller = DockingController(LIMITS, CAMERA, 0.6, PERIOD)
+    once = Observation(Pose2(1.5, 0.1, 0.0), Pose2(2.1, 0.1, 0.0), 0.0)
+    for k in range(6):
+        decision = controller.step(once, REST, k * PERIOD)
+    assert decision.status is Status.NO_TARGET
+    assert controller.state.target.accepted == 1
+
+
+@pytest.mark.parametrize(
+    "covariance",
+    [
+        np.diag([1.0, 1.0, -1.0]),
+        np.eye(6),
+        np.zeros((3, 3)),
+        ((math.nan,) * 3,) * 3,
+        ((1.0, 0.5, 0.0), (-0.5, 1.0, 0.0), (0.0, 0.0, 1.0)),
+        "none",
+    ],
+)
+def test_a_covariance_that_is_none_is_an_invalid_input(covariance):
+    controller = DockingController(LIMITS, CAMERA, 0.6, PERIOD)
+    bad = Observation(Pose2(1.5, 0.1, 0.0), Pose2(2.1, 0.1, 0.0), 0.0, covariance)
+    assert controller.step(bad, REST, 0.0).status is Status.INVALID_INPUT
+    assert controller.state.target is None
+
+
+def test_a_covariance_may_be_an_array_or_singular():
+    controller = DockingController(LIMITS, CAMERA, 0.6, PERIOD)
+    for k in range(3):
+        now, goal = k * PERIOD, Pose2(1.5, 0.1, 0.0)
+        flat = np.diag([1e-4, 0.0, 0.0])
+        decision = controller.step(Observation(goal, Pose2(2.1, 0.1, 0.0), now, flat), REST, now)
+    assert not decision.status.is_fault
+
+
+@pytest.mark.parametrize("standoff", [0.3, 1.0])
+def test_a_feature_that_is_not_where_it_was_configured_is_refused(standoff):
+    controller = DockingController(LIMITS, CAMERA, 0.6, PERIOD)
+    seen = Observation(Pose2(1.5, 0.0, 0.0), Pose2(1.5 + standoff, 0.0, 0.0), 0.0)
+    assert controller.step(seen, REST, 0.0).status is Status.INVALID_INPUT
+
+
+def test_at_the_goal_there_is_nothing_to_do():
+    for x in (-0.002, 0.0, 0.002):
+        plant, sensor, controller, _ = make_run(Pose2(x, 0.0, 0.0))
+        decisions = drive(controller, plant, sensor, 10)
+        assert decisions[-1].done
+        assert all(d.twist == REST for d in decisions)
+
+
+def test_no_progress_ends_in_failure_and_says_so():
+    """The chassis takes commands and does not move."""
+    _, sensor, controller, _ = make_run(facing(-1.5, 0.2, 0.1, WORLD))
+    goal = sensor.observe()
+    start = facing(-1.5, 0.2, 0.1, WORLD)
+    goal, feature = start.relative(Pose2(0, 0, 0)), start.relative(Pose2(0.6, 0, 0))
+    reasons = set()
+    for k in range(30 * 90):
+        now = k * PERIOD
+        decision = controller.step(Observation(goal, feature, now), REST, now)
+        reasons.add(decision.reason)
+        if decision.phase is Phase.FAILED:
+            break
+    assert decision.phase is Phase.FAILED
+    assert "stuck" in decision.reason

@@ -90,8 +90,9 @@ def test_a_clock_that_stands_still_or_runs_back_changes_nothing():
 def test_the_memory_is_bounded_and_asking_beyond_it_gives_the_oldest():
     reckoning = DeadReckoning(0.0, ORIGIN, REST)
     for k in range(1, 200):
-        reckoning = advance(reckoning, Twist(0.1, 0.0), k / 30, 0.0)
+        reckoning = advance(reckoning, Twist(0.1, 0.0), k / 30, 0.0, memory=1.0)
     assert len(reckoning.past) <= 32
+    assert reckoning.past[0][0] <= reckoning.time - 1.0
     assert reckoned(reckoning, -5.0) == reckoning.past[0][1]
     assert reckoned(reckoning, 1e9) == reckoning.pose
 

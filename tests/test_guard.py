@@ -208,7 +208,7 @@ def test_behind_the_camera_it_brakes():
     guard = guard_of(camera, limits)
     scene = scene_at(camera, 1.5, math.radians(120))
     applied = Twist(0.1, 0.1)
-    brake = Brake(applied, limits.brake_ticks(applied, PERIOD))
+    brake = Brake(applied, limits.brake_ticks(applied, PERIOD), True)
     outcome = guard.filter(applied, scene, applied, limits.input_box(applied, PERIOD), brake)
     assert outcome.verdict is Verdict.BRAKED
     assert outcome.twist == brake.next().twist

@@ -159,6 +159,9 @@ class Broken:
     def clearance(self, scene, motions=(), blur=0.0):
         return math.inf
 
+    def clearance_around(self, scene, motion, turn, travel, blur):
+        return math.inf, math.inf
+
 
 def test_a_part_that_raises_is_named_and_braked_for():
     safe = SafetyFilter(LIMITS, [CAMERA, Broken()], PERIOD)
@@ -335,3 +338,64 @@ def test_bad_settings_name_themselves():
         DockingController(LIMITS, CAMERA, 0.1, PERIOD)
     with pytest.raises(ConfigurationError, match="attempts"):
         DockingController(LIMITS, CAMERA, 0.6, PERIOD, attempts=0)
+
+
+def test_a_brake_that_was_never_verified_is_not_certified_later():
+    safe = make_filter()
+    applied = Twist(0.2, 0.3)
+    for k in range(5):
+        decision = safe.filter(Twist(NAN, NAN), scene_at(stamp=k * PERIOD), applied, k * PERIOD)
+        assert not decision.certified
+        applied = decision.twist
+
+
+def test_a_loop_slower_than_its_period_certifies_nothing():
+    safe, applied = make_filter(), REST
+    for k in range(20):
+        now = 3 * k * PERIOD
+        decision = safe.filter(Twist(0.1, 0.0), scene_at(stamp=now), applied, now)
+        assert decision.certified == (k == 0)
+        applied = decision.twist
+
+
+def test_outside_the_view_or_the_speed_limits_nothing_is_certified():
+    outside = make_filter().filter(REST, scene_at(1.0, math.radians(40)), REST, 0.0)
+    assert outside.status is Status.OUT_OF_VIEW
+    assert not outside.certified
+    fast = make_filter().filter(Twist(0.2, 0.0), scene_at(3.0), Twist(0.4, 0.0), 0.0)
+    assert not fast.certified
+
+
+def test_an_old_scene_is_predicted_over_all_of_the_patience():
+    """At 100 Hz and 1.5 s of age the prediction still equals the exact motion."""
+    period = 0.01
+    safe = SafetyFilter(LIMITS, [CAMERA], period, guard_lag=0.0)
+    scene, applied = scene_at(2.5, 0.0), REST
+    first = scene._replace(stamp=0.0)
+    for k in range(150):
+        decision = safe.filter(Twist(0.15, 0.1), first, applied, k * period)
+        true = CAMERA.margin((scene.feature.x, scene.feature.y)) - math.radians(3.0)
+        assert decision.clearance == pytest.approx(true, abs=1e-9)
+        applied = decision.twist
+        scene = moved_scene(scene, arc(applied, period))
+
+
+def test_commands_that_are_no_commands():
+    for applied in (None, (1.0, 2.0, 3.0), "x", (None, 0.0)):
+        decision = make_filter().filter(Twist(0.1, 0.0), scene_at(), applied, 0.0)
+        assert decision.status is Status.INVALID_INPUT
+    assert make_filter().filter(REST, scene_at(), REST, None).status is Status.CLOCK_ERROR
+
+
+def test_two_cameras_have_two_names():
+    other = FieldOfView(math.radians(60), Pose2(-0.2, 0.0, 0.0))
+    safe = SafetyFilter(LIMITS, [CAMERA, other], PERIOD)
+    decision = safe.filter(REST, scene_at(), REST, 0.0)
+    assert set(decision.margins) == {"fov.left", "fov.right", "fov2.left", "fov2.right"}
+
+
+def test_what_is_not_a_barrier_is_refused_at_construction():
+    with pytest.raises(ConfigurationError, match="not a barrier"):
+        SafetyFilter(LIMITS, ["camera"], PERIOD)
+    with pytest.raises(ConfigurationError, match="name of its own"):
+        SafetyFilter(LIMITS, [Broken(), Broken()], PERIOD)

@@ -13,6 +13,8 @@ __all__ = ["DECLARED", "GROUPS", "SETS", "Assumptions", "names_of", "set_named"]
 SIGMAS = 3.0
 """Slip and gyro bias are normal in the simulated body; what is declared is three sigma of them."""
 
+PROTECTIONS = ("full", "rows", "limits")
+
 
 @dataclass(frozen=True, slots=True)
 class Assumptions:
@@ -31,7 +33,7 @@ class Assumptions:
     nudge : distance by which the feature is moved once in a run [m]
     missed : ticks in a row in which no command is computed and the last one stays, at most
     clip : share of the acceleration limits that the chassis really has
-    guarded : whether the filter has its guard; without it the rows alone protect the view
+    protection : "full", "rows" without the guard, or "limits" without the rows as well
     """
 
     bearing: float = 0.0
@@ -46,11 +48,17 @@ class Assumptions:
     nudge: float = 0.0
     missed: int = 0
     clip: float = math.inf
-    guarded: bool = True
+    protection: str = "full"
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
+            if field.name == "protection":
+                if value not in PROTECTIONS:
+                    raise ConfigurationError(
+                        f"protection must be one of {', '.join(PROTECTIONS)}; got {value!r}"
+                    )
+                continue
             low, high = value if field.name == "lag" else (value, value)
             if not 0.0 <= low <= high:
                 raise ConfigurationError(f"{field.name} must be at least 0, got {value!r}")
@@ -92,7 +100,8 @@ _BROKEN: dict[str, Assumptions] = {
     "feature nudged 0.1 m": replace(DECLARED, nudge=0.1),
     "10 missed ticks": replace(DECLARED, missed=10),
     "chassis clips at half": replace(DECLARED, clip=0.5),
-    "guard off": replace(DECLARED, guarded=False),
+    "guard off": replace(DECLARED, protection="rows"),
+    "guard and rows off": replace(DECLARED, protection="limits"),
 }
 
 SETS: dict[str, Assumptions] = {"declared": DECLARED, **_SINGLE, **_BROKEN}
@@ -103,7 +112,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "all": (*_SINGLE, *_BROKEN),
 }
 """``single``: one source of error at a time, beside old frames; ``broken``: the declared bounds
-with one of them broken, or the guard switched off."""
+with one of them broken, or parts of the filter switched off."""
 
 
 def set_named(name: str) -> Assumptions:

@@ -77,7 +77,7 @@ def replay(run: Run) -> Iterator[str]:
     assert attack is not None
     glimpses: list[Glimpse] = []
     outcome = duel(
-        make_filter(assumptions.guarded), ARENA, assumptions, attack, watch=glimpses.append
+        make_filter(assumptions.protection), ARENA, assumptions, attack, watch=glimpses.append
     )
     yield (
         f"{run.set}, {run.strategy} {run.seed}/{run.index}: margin "

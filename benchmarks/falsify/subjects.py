@@ -1,4 +1,4 @@
-"""What is attacked: the safety filter as it is by default, and the same with its guard off."""
+"""What is attacked: the safety filter as it is by default, and the same with parts of it off."""
 
 from __future__ import annotations
 
@@ -40,10 +40,14 @@ class _RowsAlone:
         return math.inf, math.inf
 
 
-def make_filter(guarded: bool, arena: Arena = ARENA) -> SafetyFilter:
-    """A new filter at its defaults, told the body's usual lag."""
-    subject = SafetyFilter(arena.limits, [arena.camera], arena.period, lag=DEFAULT_LAG)
-    if guarded:
-        return subject
-    rows = [_RowsAlone(barrier) for barrier in subject.config.barriers]
+def make_filter(protection: str = "full", arena: Arena = ARENA) -> SafetyFilter:
+    """A new filter at its defaults, told the body's usual lag.
+
+    ``protection`` is "full", "rows" for one without its guard, or "limits" for one that keeps
+    nothing else.
+    """
+    barriers = {"full": [arena.camera], "limits": []}.get(protection)
+    if barriers is not None:
+        return SafetyFilter(arena.limits, barriers, arena.period, lag=DEFAULT_LAG)
+    rows = [_RowsAlone(barrier) for barrier in make_filter(arena=arena).config.barriers]
     return SafetyFilter(arena.limits, rows, arena.period, lag=DEFAULT_LAG)

@@ -33,6 +33,7 @@ __all__ = [
 
 _AT_REST: Point = (0.0, 0.0)
 _RIGHT_ANGLE = 0.5 * math.pi
+_TURN = 2.0 * math.pi
 
 
 class Edge(NamedTuple):
@@ -175,6 +176,7 @@ class FieldOfViewBarrier:
     _half_angle: float = field(init=False, repr=False, compare=False)
     _width: float = field(init=False, repr=False, compare=False)
     _lever: float = field(init=False, repr=False, compare=False)
+    _most_turn: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_positive("gain", self.gain)
@@ -189,6 +191,7 @@ class FieldOfViewBarrier:
         object.__setattr__(self, "_half_angle", half_angle)
         object.__setattr__(self, "_width", self.camera.width)
         object.__setattr__(self, "_lever", math.hypot(x, y))
+        object.__setattr__(self, "_most_turn", half_angle - abs(yaw))
 
     def rows(self, scene: Scene, motion: Pose2 | None = None) -> Rows:
         """Rows of the feature after ``motion``, two for its centre or four for its ends.
@@ -211,7 +214,9 @@ class FieldOfViewBarrier:
         """Angle from the feature to the nearer edge less the margin [rad], the smallest over poses.
 
         With a ``blur`` both edges move inward by it: the view of a camera that sits
-        ``blur / sin(half_angle - margin)`` ahead of this one.
+        ``blur / sin(half_angle - margin)`` ahead of this one. Several poses stand for all the
+        arcs between them, which is true while the robot's forward direction stays in the view
+        turned by each and the feature ahead of the rotation centre: minus infinity otherwise.
 
         Negative outside, the smaller of the two ends where the feature has a width. Minus
         infinity behind the camera, from where no row leads back into view. Seen from the
@@ -225,11 +230,19 @@ class FieldOfViewBarrier:
         shift = blur * reach
         points = self._points(scene[1])
         widest = 0.0
+        several = len(motions) > 1
+        first = motions[0][2]
         for x, y, turn in motions:
             c, s = math.cos(turn), math.sin(turn)
+            if several and abs(math.remainder(turn - first, _TURN)) > self._most_turn:
+                return -math.inf
             for px, py in points:
                 dx, dy = px - x, py - y
-                seen_x, seen_y = c * dx + s * dy - eye_x, c * dy - s * dx - eye_y
+                seen_x, seen_y = c * dx + s * dy, c * dy - s * dx
+                if several and not seen_x > 0.0:
+                    return -math.inf
+                seen_x -= eye_x
+                seen_y -= eye_y
                 bearing = abs(
                     math.atan2(cos * seen_y - sin * seen_x, cos * seen_x + sin * seen_y - shift)
                 )

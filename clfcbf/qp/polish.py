@@ -32,7 +32,7 @@ _DEPENDENT = 1e-9
 """A row this close to the span of others adds nothing to them but rounding."""
 
 _EXCHANGES = 10
-"""Rows exchanged before a guess is given up: solvers err in one or two."""
+"""Rows exchanged, beside one a variable, before a guess is given up: solvers err in one or two."""
 
 _Sides = NDArray[np.int8]
 
@@ -106,7 +106,7 @@ def _exchange(form: Form, sides: _Sides, weight: Array) -> tuple[Array, Array] |
     P, q, C, lower, upper, equal = form
     n = q.size
     weight = np.array(weight)
-    for _ in range(_EXCHANGES):
+    for _ in range(_EXCHANGES + n):
         active = _independent(form, sides, weight)
         count = len(active)
         system = np.zeros((n + count, n + count))

@@ -112,6 +112,7 @@ def run_episode(
     feature = (world.feature.x, world.feature.y)
     margin = view(plant.pose().seen(feature))
     acquired = margin >= 0.0
+    margin = margin if acquired else math.inf
     violations, path, moved_until = 0, 0.0, 0.0
     wait = round(world.wait / world.period)
     finished = False
@@ -146,6 +147,8 @@ def run_episode(
             wait -= 1
             if wait <= 0:
                 break
+    if not acquired:
+        margin = view(plant.pose().seen(feature))
     return _judged(plant.pose(), trace, margin, violations, path, moved_until, touched), trace
 
 

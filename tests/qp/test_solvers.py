@@ -21,6 +21,7 @@ from clfcbf.qp import (
 from clfcbf.qp.backends._solver import Claim, SolverBackend
 from clfcbf.qp.conformance import cases
 from clfcbf.qp.lexicographic import BackendHealth
+from clfcbf.qp.verify import Duals, verify
 
 NAMES = available_backends()
 GOOD = QuadraticProgram(np.eye(2), [-1, -1], [[1, 2]], [1], [-1, -1], [1, 1])
@@ -244,6 +245,20 @@ def test_warm_starts_agree_with_cold_ones(name):
         expected = solve_qp(problem).x
         assert solve_qp(problem, warm, fallback=()).x == pytest.approx(expected, abs=1e-9)
         q = q + np.array([0.02, -0.05])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_multipliers_belong_to_the_rows_as_they_were_given(name):
+    """Not reconstructed, and of rows of any length."""
+    solver, seen = get_backend(name), 0
+    for case in cases(3, 6, ("huge and tiny rows", "sizes and equalities", "1e8 scaling")):
+        if case.problem.n > (solver.capability.max_variables or 99):
+            continue
+        answer = solver.solve(case.problem)
+        duals = Duals(answer.dual, answer.dual_bounds, answer.dual_equalities)
+        assert verify(case.problem, answer.x, duals).worst <= 1e-9
+        seen += 1
+    assert seen >= 3
 
 
 def test_statuses_are_mapped_word_by_word():

@@ -65,6 +65,9 @@ def test_proxqp_is_held_to_complementarity():
     for program in one_shot_stream(60):
         form = reduce(one_shot_problem(*program)).form
         claim = solver._ask(form, None)
+        settings = solver._make(form)._solver.settings
+        assert settings.check_duality_gap
+        assert settings.eps_duality_gap_abs <= 1e-8
         if claim.status is QpStatus.OPTIMAL:
             slack = np.minimum(form.upper - form.C @ claim.y, form.C @ claim.y - form.lower)
             assert np.minimum(np.abs(slack), np.abs(claim.dual)).max() <= 1e-3

@@ -45,7 +45,7 @@ _PLUGINS: dict[str, tuple[str, dict[str, Any]]] = {
         {
             "warm_start_primal": False,
             "warm_start_dual": False,
-            "osqp": {"verbose": False, "eps_abs": _TIGHT, "eps_rel": 0.0},
+            "osqp": {"verbose": False, "eps_abs": _TIGHT, "eps_rel": 0.0, "max_iter": 20_000},
         },
     ),
     "piqp": ("BSD-2-Clause", {"piqp": {"eps_abs": _TIGHT, "eps_rel": 0.0}}),

@@ -41,7 +41,11 @@ _SOLVERS: dict[str, tuple[str, str, _Options]] = {
     "daqp": ("daqp", "MIT", {"primal_tol": 1e-11}),
     "ecos": ("ecos", "GPL-3.0-only", {}),
     "highs": ("highspy", "MIT", {}),
-    "osqp": ("osqp", "Apache-2.0", {"eps_abs": _TIGHT, "eps_rel": 0.0, "eps_prim_inf": 1e-8}),
+    "osqp": (
+        "osqp",
+        "Apache-2.0",
+        {"eps_abs": _TIGHT, "eps_rel": 0.0, "eps_prim_inf": 1e-8, "eps_dual_inf": 1e-8},
+    ),
     "piqp": ("piqp", "BSD-2-Clause", {"eps_abs": _TIGHT, "eps_rel": 0.0}),
     "proxqp": (
         "proxsuite",
