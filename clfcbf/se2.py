@@ -96,8 +96,7 @@ class Pose2(NamedTuple):
         chord = v * duration
         if half:
             chord *= math.sin(half) / half
-        along = theta + half
-        turn = along + half
+        along, turn = theta + half, theta + 2.0 * half
         if not -_PI < turn <= _PI:
             turn = wrap_angle(turn)
         return _new(Pose2, (x + chord * math.cos(along), y + chord * math.sin(along), turn))

@@ -127,3 +127,10 @@ def test_is_finite_gives_up_where_the_sum_overflows():
 def test_scaled_keeps_the_curvature(v, omega, factor):
     scaled = Twist(v, omega).scaled(factor)
     assert scaled.v * omega == pytest.approx(scaled.omega * v, abs=1e-12)
+
+
+@given(poses, twists, st.floats(0.0, 2.0))
+def test_moved_is_the_arc_composed(pose, twist, duration):
+    np.testing.assert_allclose(
+        matrix(pose.moved(twist, duration)), matrix(pose.compose(arc(twist, duration))), atol=1e-12
+    )

@@ -27,6 +27,9 @@ __all__ = [
 REST_TOLERANCE = 1e-5
 """A boundary speed that moves less than this share of the motion's extent is rest (um/s)."""
 
+SUMMITS = 4
+"""Local peaks refined at most: near a cusp two or three of nearly one height stand together."""
+
 VANISHING = 1e-12
 """A derived coefficient that moves less than this share of the extent is rounding."""
 
@@ -208,14 +211,18 @@ class Expansion(NamedTuple):
     def magnitudes(self, samples: int) -> tuple[float, float, float, float]:
         """Largest absolute v, omega and their rates over the half duration.
 
-        Sampled, then refined about each largest sample.
+        Sampled, then refined about the highest samples that stand above their neighbours.
         """
         tau = np.linspace(0.0, self.half, samples)
         largest = []
         for k, values in enumerate(self._rates(tau)):
-            top = int(np.argmax(values))
-            fine = np.linspace(tau[max(top - 1, 0)], tau[min(top + 1, samples - 1)], samples)
-            largest.append(float(np.max(self._rates(fine)[k])))
+            padded = np.concatenate([[-1.0], values, [-1.0]])
+            summits = np.flatnonzero((values >= padded[:-2]) & (values >= padded[2:]))
+            peak = 0.0
+            for top in summits[np.argsort(values[summits])[-SUMMITS:]].tolist():
+                fine = np.linspace(tau[max(top - 1, 0)], tau[min(top + 1, samples - 1)], samples)
+                peak = max(peak, float(np.max(self._rates(fine)[k])))
+            largest.append(peak)
         v, omega, a, alpha = largest
         return v, omega, a, alpha
 

@@ -169,15 +169,20 @@ def test_a_camera_that_does_not_see_ahead_is_beyond_the_claim():
     def camera(half_angle, yaw):
         return FieldOfView(half_angle, Pose2(0.2, 0.0, math.radians(yaw)))
 
+    def smallest(barrier, poses):
+        return min(barrier.clearance(scene, (pose,)) for pose in poses)
+
     aside = FieldOfViewBarrier(camera(math.radians(35), 60), 1.0)
-    assert aside.clearance(scene, motions) == pytest.approx(0.0, abs=1e-9)
-    missed = aside.clearance(scene, ends)
+    assert smallest(aside, motions) == pytest.approx(0.0, abs=1e-9)
+    missed = smallest(aside, ends)
     assert missed > math.radians(0.4)
     # A view narrower by that much: both ends in it, the middle not.
     narrow = camera(math.radians(35) - 0.99 * missed, 60)
     barrier = FieldOfViewBarrier(narrow, 1.0)
-    assert barrier.clearance(scene, ends) > 0.0
-    assert barrier.clearance(scene, motions) < -math.radians(0.4)
+    assert smallest(barrier, ends) > 0.0
+    assert smallest(barrier, motions) < -math.radians(0.4)
+    # Poses that stand for the arc between them are therefore refused for such a camera.
+    assert barrier.clearance(scene, ends) == -math.inf
     assert lowest_on_arc(camera_edges(narrow)[1], (x, y), twist, duration) < -1e-3
     # Looking ahead, no half angle misses it.
     for half_angle in (0.2, 0.4, 0.6, 1.2):

@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from clfcbf.errors import ConfigurationError, GeometryError
 from clfcbf.limits import Limits
-from clfcbf.se2 import Pose2, Twist, arc
+from clfcbf.se2 import Pose2, Twist
 from clfcbf.simulation.drive import follow
 from clfcbf.simulation.kinematic import KinematicPlant
 from clfcbf.simulation.plant import Body, Plant, sub_steps
@@ -37,6 +37,7 @@ def saturated(error, lag, slope):
 @settings(max_examples=40, deadline=None)
 @given(speeds, speeds, slopes, lags, st.floats(0.001, 2.0))
 def test_follow_is_the_solution_of_the_saturated_lag(value, target, slope, lag, duration):
+    assume(value == target or abs(value - target) > 1e-9)  # the reference divides by its square
     result = solve_ivp(
         lambda _, state: (saturated(target - state[0], lag, slope), state[0]),
         (0.0, duration),
@@ -130,7 +131,7 @@ def test_ideal_plant_is_the_arc_of_its_command(command):
     poses = robot.advance(TICK)
     pose = START
     for reached in poses:
-        pose = pose.compose(arc(command, TICK / len(poses)))
+        pose = pose.moved(command, TICK / len(poses))
         assert reached == pose
     assert tuple(pose) == pytest.approx(tuple(START.moved(command, TICK)), abs=1e-14)
     assert robot.twist() == command
