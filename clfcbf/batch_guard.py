@@ -163,7 +163,7 @@ class ArrayGuard:
         ahead = clearance > -np.inf
         sent = self.brakes_from(wanted.copy())
         good = self.admissible(points, body, sent, floor) & ahead
-        sure = good & self._certifies(sent.twist, floor)
+        sure = good & self._certifies(points, body, sent.twist, floor)
         answer = ArrayGuarded(
             wanted.copy(),
             sent._replace(verified=sure),
@@ -207,18 +207,22 @@ class ArrayGuard:
             here, at = at[good], at[~good]
             answer.twist[:, here] = answer.brakes.twist[:, here] = new.twist[:, good]
             answer.brakes.ticks[here] = new.ticks[good]
-            sure = self._certifies(new.twist[:, good], floor[here])
+            sure = self._certifies(
+                points[:, :, here], body[:, here], new.twist[:, good], floor[here]
+            )
             answer.brakes.verified[here] = answer.certified[here] = sure
             answer.verdict[here] = REPLACED
         return answer
 
-    def _certifies(self, twist: Array, floor: Array) -> Mask:
-        """Whether an admitted command is a certified one: in view, and inside the speed limits."""
+    def _certifies(self, points: Array, body: Array, twist: Array, floor: Array) -> Mask:
+        """Whether admitted commands have brakes that keep the view, the margin included."""
         limits = self.limits
+        coasted = np.minimum(floor, self.clearance(points, (arcs(body, self.lag),)))
+        kept = np.where(floor < 0.0, coasted, floor)
         least, most = limits.reverse_speed - ROUNDING, limits.v_max + ROUNDING
         inside = (least <= twist[0]) & (twist[0] <= most)
         inside &= np.abs(twist[1]) <= limits.omega_max + ROUNDING
-        sure: Mask = inside & (floor == 0.0)
+        sure: Mask = inside & (kept >= -self.margin)
         return sure
 
     def kept(self, box: Array, last: Brakes, safe: Array) -> Brakes:

@@ -82,7 +82,8 @@ class Decision(NamedTuple):
     ----------
     twist : the command; finite and inside the tick's input box, whatever went in
     status : how it was reached
-    certified : a brake that keeps the barriers is at hand from here on
+    certified : a verified brake is at hand that keeps the barriers, or at least stays inside the
+        margins declared for estimates that err
     nominal : the command the law asked for
     clearance : smallest clearance of the barriers now, in their unit; negative outside
     slack : by how much the Lyapunov row gave way [its own unit per unit-norm row]

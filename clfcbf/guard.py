@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
 
@@ -96,17 +96,21 @@ class Guard:
     limits, period : as of the chassis; the brake is made of them
     barriers : what has to stay at or above zero clearance
     lag : longest first-order lag of the body that is covered [s]
+    grace : the smallest ``margin`` of the barriers, 0 for one that declares none
     """
 
     limits: Limits
     barriers: tuple[Barrier, ...]
     period: float
     lag: float = 0.0
+    grace: float = field(init=False)
 
     def __post_init__(self) -> None:
         check_period(self.period)
         if not 0.0 <= self.lag < 10.0:
             raise ConfigurationError(f"lag must be in [0, 10) s, got {self.lag!r}")
+        grace = min((getattr(barrier, "margin", 0.0) for barrier in self.barriers), default=0.0)
+        object.__setattr__(self, "grace", grace)
 
     def clearance(
         self, scene: Scene, motions: tuple[Pose2, ...] = HERE, blur: float = 0.0
@@ -173,6 +177,15 @@ class Guard:
         corners = (*unavoidable, braked, coasted.moved(twist, duration))
         return self.clearance(scene, corners, blur) >= floor
 
+    def _certifies(
+        self, scene: Scene, body: Twist, twist: Twist, floor: float, motion: Pose2
+    ) -> bool:
+        """Whether an admitted command has a brake that keeps every barrier, margins included."""
+        if floor < 0.0:
+            coasted = motion.moved(body, self.lag)
+            floor = min(floor, self.clearance(scene, (motion, coasted)))
+        return floor >= -self.grace and self.limits.contains(twist, ROUNDING)
+
     def _around(
         self, scene: Scene, body: Twist, brake: Brake, motion: Pose2
     ) -> tuple[float, float]:
@@ -213,8 +226,10 @@ class Guard:
         -----
         Outside the safe set (found there, or put there by a nudge) the clearance to be kept is
         the one there is: what does not make things worse is admissible, so the robot can turn
-        back. Where no barrier says which way back is (minus infinity) it brakes. Nothing is
-        certified there, nor outside the speed limits, where the next command is a forced one.
+        back. Where no barrier says which way back is (minus infinity) it brakes. What is admitted
+        there is certified as long as it stays inside the barriers' own margins, which are
+        declared for estimates that err; nothing is outside the speed limits, where the next
+        command is a forced one.
         """
         new = self.brake_from(wanted)
         clearance, least = self._around(scene, body, new, motion)
@@ -222,7 +237,7 @@ class Guard:
         if least >= 0.0 or (
             clearance > -math.inf and self.admissible(scene, body, new, floor, motion)
         ):
-            sure = floor == 0.0 and self.limits.contains(wanted, ROUNDING)
+            sure = self._certifies(scene, body, wanted, floor, motion)
             brake = _new(Brake, (wanted, new[1], sure))
             return _new(Guarded, (wanted, brake, Verdict.ADMITTED, sure, clearance))
         last = brake.next()
@@ -233,7 +248,7 @@ class Guard:
             for other in _between(safe, wanted, box):
                 new = self.brake_from(other)
                 if self.admissible(scene, body, new, floor, motion):
-                    sure = floor == 0.0 and self.limits.contains(other, ROUNDING)
+                    sure = self._certifies(scene, body, other, floor, motion)
                     kept = Brake(other, new.ticks, sure)
                     return Guarded(other, kept, Verdict.REPLACED, sure, clearance)
         # Outside the box the chassis did not follow the brake: its certificate is void.
