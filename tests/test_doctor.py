@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import math
 import sys
@@ -32,6 +33,10 @@ from clfcbf.doctor import (
 from clfcbf.doctor.examination import problems_of
 from clfcbf.explain import explain
 from clfcbf.qp import QpSolution, QpStatus, QuadraticProgram, get_backend
+
+needs_cli = pytest.mark.skipif(
+    importlib.util.find_spec("tyro") is None, reason="the command line needs the extra cli"
+)
 
 ROOT = Path(__file__).parents[1]
 
@@ -243,6 +248,7 @@ def few_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(packages, "_requirements", lambda: {"numpy": "", "no-such-solver": "cli"})
 
 
+@needs_cli
 @pytest.mark.usefixtures("few_packages")
 def test_command_prints_and_writes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -275,6 +281,7 @@ def test_command_prints_and_writes(
         assert f"\n{name} " in captured.out, name
 
 
+@needs_cli
 def test_command_refuses_a_file_it_cannot_write_before_it_starts(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

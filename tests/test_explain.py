@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+import importlib.util
 import json
 import math
 from fractions import Fraction
@@ -49,6 +50,10 @@ from clfcbf.guard import Verdict
 from clfcbf.limits import InputBox
 from clfcbf.qp.exact import BackendHealth, LexicographicSolution, solve_lexicographic
 from tests.strategies import any_float
+
+needs_cli = pytest.mark.skipif(
+    importlib.util.find_spec("tyro") is None, reason="the command line needs the extra cli"
+)
 
 PERIOD = 1 / 30
 LIMITS = Limits(0.22, 0.4, 0.3, 1.0)
@@ -687,6 +692,7 @@ def saved(tmp_path: Path) -> Path:
     return path
 
 
+@needs_cli
 def test_command(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["explain", str(saved)]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -704,6 +710,7 @@ def test_command(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert [r["status"] for r in json.loads(capsys.readouterr().out)] == ["optimal", "stale"]
 
 
+@needs_cli
 def test_one_tick_in_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "tick.json"
     path.write_text(json.dumps(GOOD), encoding="utf-8")
@@ -711,6 +718,7 @@ def test_one_tick_in_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert capsys.readouterr().out == f"{explain(decision_from_json(GOOD))}\n"
 
 
+@needs_cli
 @pytest.mark.parametrize(
     ("content", "options", "message"),
     [

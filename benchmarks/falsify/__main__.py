@@ -78,9 +78,12 @@ def _attack(options: argparse.Namespace) -> int:
     records: list[dict[str, Any]] = []
     run_all = engine(options.engine, options.workers)
     saved = time.monotonic()
-    planned = campaign(names, options.steps, options.seed, done, run_all)
     try:
-        for record in _progress(planned, options.steps):
+        with (
+            closing(campaign(names, options.steps, options.seed, done, run_all)) as runs,
+            _progress_bar(options.steps) as bar,
+        ):
+            for record in runs:
             records.append(record)
             if options.json is not None and time.monotonic() - saved > CHECKPOINT:
                 write_json(options.json, document(records, options.seed, config))

@@ -6,8 +6,9 @@ import importlib
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import closing
 from typing import Any
 
 from benchmarks.falsify import paper
@@ -24,7 +25,8 @@ SHARE = 0.03
 PAPER_RUNS = 100
 """Runs of the paper's barrier, if the steps allow: rates to 5 %."""
 
-Map = Callable[[Sequence[Run]], Iterator[dict[str, Any]]]
+Records = Generator[dict[str, Any], None, None]
+Map = Callable[[Sequence[Run]], Records]
 
 
 def campaign(
@@ -34,7 +36,7 @@ def campaign(
     done: dict[tuple[str, int], dict[str, Any]],
     run_all: Map,
     share: float = SHARE,
-) -> Iterator[dict[str, Any]]:
+) -> Records:
     """Records of all runs, round after round until every set has its ticks.
 
     Runs may end early, so the number of them is not known beforehand; but what a round holds
@@ -63,12 +65,13 @@ def campaign(
                 batch.append(run)
         if not batch:
             return
-        new = run_all([run for run in batch if (run.set, run.index) not in done])
-        for run in batch:
-            known = done.get((run.set, run.index))
-            record = next(new) if known is None else known
-            ticks[run.set] += record["ticks"]
-            yield record
+        # Closed here, not when it is collected: workers must stop where the campaign does.
+        with closing(run_all([run for run in batch if (run.set, run.index) not in done])) as new:
+            for run in batch:
+                known = done.get((run.set, run.index))
+                record = next(new) if known is None else known
+                ticks[run.set] += record["ticks"]
+                yield record
 
 
 def engine(name: str, workers: int) -> Map:
@@ -85,12 +88,12 @@ def engine(name: str, workers: int) -> Map:
     return _processes(workers) if workers > 1 else _here
 
 
-def _here(runs: Sequence[Run]) -> Iterator[dict[str, Any]]:
-    return map(execute, runs)
+def _here(runs: Sequence[Run]) -> Records:
+    yield from map(execute, runs)
 
 
 def _processes(workers: int) -> Map:
-    def run_all(runs: Sequence[Run]) -> Iterator[dict[str, Any]]:
+    def run_all(runs: Sequence[Run]) -> Records:
         # A forked child may inherit a lock that one of the parent's threads holds.
         context = multiprocessing.get_context("spawn")
         pool = ProcessPoolExecutor(
@@ -112,7 +115,7 @@ def _dask(workers: int) -> Map:
     except ImportError as error:
         raise MissingExtraError(error.name or "distributed", "mc") from error
 
-    def run_all(runs: Sequence[Run]) -> Iterator[dict[str, Any]]:
+    def run_all(runs: Sequence[Run]) -> Records:
         options = {} if os.environ.get("DASK_SCHEDULER_ADDRESS") else {
             "n_workers": workers, "threads_per_worker": 1, "dashboard_address": None,
         }  # fmt: skip
