@@ -11,7 +11,8 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -84,10 +85,12 @@ def _attack(options: argparse.Namespace) -> int:
             _progress_bar(options.steps) as bar,
         ):
             for record in runs:
-            records.append(record)
-            if options.json is not None and time.monotonic() - saved > CHECKPOINT:
-                write_json(options.json, document(records, options.seed, config))
-                saved = time.monotonic()
+                records.append(record)
+                bar.update(record["ticks"] if record["set"] == "declared" else 0)
+                bar.set_postfix_str(record["set"])
+                if options.json is not None and time.monotonic() - saved > CHECKPOINT:
+                    write_json(options.json, document(records, options.seed, config))
+                    saved = time.monotonic()
     finally:
         result = document(records, options.seed, {**config, "steps": options.steps})
         if options.json is not None and records:
@@ -103,8 +106,8 @@ def _attack(options: argparse.Namespace) -> int:
 def _replay(options: argparse.Namespace) -> int:
     seed, index = options.replay
     given = options.assumptions != _parser().get_default("assumptions")
-    name = names_of(options.assumptions)[0] if given else "declared"
-    for line in replay(Run(name, seed, index)):
+    names = names_of(options.assumptions) if given else ()
+    for line in replay(Run(names[0] if names else "declared", seed, index)):
         print(line)
     return 0
 
@@ -127,18 +130,13 @@ def _earlier(path: Path, config: dict[str, Any]) -> dict[tuple[str, int], dict[s
     return runs
 
 
-def _progress(records: Iterable[dict[str, Any]], steps: int) -> Iterator[dict[str, Any]]:
+def _progress_bar(steps: int) -> Any:
     try:
         from tqdm import tqdm
     except ImportError as error:
         raise MissingExtraError("tqdm", "cli") from error
     # Silent where stderr is not a terminal.
-    with tqdm(total=steps, unit="tick", unit_scale=True, leave=False, disable=None) as bar:
-        for record in records:
-            if record["set"] == "declared":
-                bar.update(record["ticks"])
-            bar.set_postfix_str(record["set"])
-            yield record
+    return tqdm(total=steps, unit="tick", unit_scale=True, leave=False, disable=None)
 
 
 def _at_least(least: int) -> Any:

@@ -16,6 +16,7 @@ from clfcbf.plots import save_figure
 
 __all__ = ["draw", "save"]
 
+_TICKS = (-100.0, -50.0, -20.0, -10.0, -5.0, -2.5, 0.0, 2.5, 5.0)
 _KEPT, _LOST = "#0072b2", "#d55e00"  # apart for every kind of colour vision
 
 
@@ -29,6 +30,9 @@ def draw(result: Mapping[str, Any]) -> Figure:
     left.barh(names, margins, color=[_KEPT if value >= 0.0 else _LOST for value in margins])
     left.set(xlabel="smallest margin found [deg]", title="in view (right) and lost (left of 0)")
     left.set_xscale("symlog", linthresh=5.0)
+    span = left.get_xlim()
+    left.set_xticks(_TICKS, [f"{tick:g}" for tick in _TICKS])
+    left.set_xlim(span)
     _edge(left)
     runs = [run for run in result["runs"] if run["set"] == "declared"]
     strategies = list(dict.fromkeys(run["strategy"] for run in runs))[::-1]
