@@ -30,7 +30,7 @@ that the stamps do not tell."""
 VIEW_MARGIN = math.radians(3.0)
 """[rad] Declared margin of the field of view. A long search gains 1.1° by a bearing error of 1°,
 1.1° by a lag of 0.25 s where 0.12 s is modelled, 0.6° by slip in 220 ms of dead reckoning, 0.05°
-by range, and nothing by latency; all of them together, close to the feature, up to 3.5°, which
+by range, and nothing by latency; all of them together, close to the feature, up to 5.0°, which
 this does not cover (see benchmarks.falsify). It costs no time in R1, R3 and R4."""
 
 # The path-following law -------------------------------------------------------------------------

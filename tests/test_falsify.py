@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import math
+import signal
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from benchmarks.falsify import paper
-from benchmarks.falsify.__main__ import main
+from benchmarks.falsify.__main__ import _one_interrupt, main
 from benchmarks.falsify.assumptions import DECLARED, GROUPS, SETS, Assumptions, names_of
 from benchmarks.falsify.attack import CHANNELS, CONSTANTS, Attack
 from benchmarks.falsify.body import SUBSAMPLES, LaggingBody
@@ -222,7 +223,7 @@ def test_the_document_has_the_declared_fields(campaign):
     }
 
 
-def test_within_the_declared_assumptions_nothing_is_found(campaign):
+def test_a_short_campaign_within_the_declared_assumptions_finds_nothing(campaign):
     result = json.loads(campaign.read_text())
     assert result["min_margin_deg"] > 0.0
     assert [result[key] for key in COUNTS[1:]] == [0, 0, 0, 0]
@@ -310,3 +311,21 @@ def test_a_camera_that_looks_aside_is_judged_about_its_own_axis():
     body = LaggingBody(0.12, (math.inf, math.inf), PERIOD, camera, (1.5, 0.9))
     margin, _ = body.follow(0.0, 0.0)
     assert margin == pytest.approx(camera.margin((1.5, 0.9)))
+
+
+def test_a_second_interrupt_does_not_break_off_the_clearing_up():
+    cleared = []
+
+    def interrupted():
+        with _one_interrupt():
+            try:
+                signal.raise_signal(signal.SIGINT)
+            finally:
+                signal.raise_signal(signal.SIGINT)
+                cleared.append(True)
+
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert cleared
+    assert signal.getsignal(signal.SIGINT) is before

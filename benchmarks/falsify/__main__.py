@@ -9,10 +9,11 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import sys
 import time
-from collections.abc import Sequence
-from contextlib import closing
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ClfcbfError as error:
         print(f"falsify: {error}", file=sys.stderr)
         return USAGE_ERROR
+    except BrokenPipeError:  # such as of "| head": the interpreter must not flush again at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except KeyboardInterrupt:
         print("falsify: interrupted; --resume goes on from the JSON file", file=sys.stderr)
         return INTERRUPTED
@@ -81,6 +85,7 @@ def _attack(options: argparse.Namespace) -> int:
     saved = time.monotonic()
     try:
         with (
+            _one_interrupt(),
             closing(campaign(names, options.steps, options.seed, done, run_all)) as runs,
             _progress_bar(options.steps) as bar,
         ):
@@ -128,6 +133,23 @@ def _earlier(path: Path, config: dict[str, Any]) -> dict[tuple[str, int], dict[s
                 f"cannot resume {str(path)!r}: its {name} is {value!r}, now {config[name]!r}"
             )
     return runs
+
+
+@contextmanager
+def _one_interrupt() -> Iterator[None]:
+    """Raise at the first Ctrl-C alone: a second one would break off the clearing up after it."""
+    seen: list[int] = []
+
+    def raise_once(number: int, frame: object) -> None:
+        seen.append(number)
+        if len(seen) == 1:
+            raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, raise_once)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _progress_bar(steps: int) -> Any:

@@ -39,7 +39,8 @@ def climb(
     """Search for the attack of the lowest score; that attack and its score.
 
     A (1+1) evolution strategy: sparse changes, their number by the rule of one success in five
-    [Rechenberg1973]_. The worst is found on the bounds, so half of the changes go right there.
+    (Rechenberg, Evolutionsstrategie, 1973). The worst is found on the bounds, so half of the
+    changes go right there.
     """
     best, lowest = None, np.inf
     for _ in range(min(FIRST, evaluations)):
