@@ -23,7 +23,7 @@ from benchmarks.routes import PENALTY
 from benchmarks.stream import Stream, Tick
 from benchmarks.timing import Answer, Contestant
 from clfcbf.constraints.cbf import FieldOfViewBarrier, camera_edges
-from clfcbf.constraints.clf import kanayama_clf
+from clfcbf.constraints.clf import witnessed_clf
 from clfcbf.controller import TrackingConfig
 from clfcbf.limits import InputBox
 
@@ -195,7 +195,7 @@ def rows_difference(stream: Stream, states: int = 200, seed: int = 0) -> float:
             twist = tick.inputs.reference.twist._replace(v=moved[5], omega=moved[6])
             box = tick.program.box
             nominal = InputBox(*box).clip(config.law.command(error, twist))
-            clf = kanayama_clf(error, twist, config.law, config.fraction).attainable(nominal)
+            clf = witnessed_clf(error, twist, config.law, config.fraction, nominal)
             scene = tick.inputs.scene._replace(feature=feature)
             rows = (*clf.coefficients, *barrier.rows(scene).coefficients)
             z = np.array([*error, *feature[:2]])

@@ -19,6 +19,7 @@ from clfcbf.errors import ConfigurationError, PlanningError
 from clfcbf.estimation import (
     NoiseModel,
     TargetEstimate,
+    coast,
     grown,
     is_covariance,
     measured,
@@ -26,7 +27,7 @@ from clfcbf.estimation import (
 )
 from clfcbf.laws.kanayama import Kanayama
 from clfcbf.scene import Observation, Scene
-from clfcbf.se2 import Pose2, Twist, arc, is_finite
+from clfcbf.se2 import Pose2, Twist, is_finite
 from clfcbf.tick import Begun, FilterConfig, FilterState, begin, failed, finish, stop
 from clfcbf.trajectories.build import arc_path
 from clfcbf.trajectories.following import Following, FollowingGains, at_rest, follow
@@ -162,8 +163,8 @@ def _docked(
     if state.target is None:
         return _stopped(config, state, begun, Status.NO_TARGET)
     pose = state.target.goal.relative(begun.reckoning.pose)
-    coast = arc(begun.reckoning.body, base.lag)
-    ahead = pose.compose(coast)
+    coasted = coast(begun.reckoning.body, base.lag)
+    ahead = pose.compose(coasted)
     if not state.legs:
         if not at_rest(begun.applied):
             return _stopped(config, state._replace(phase=Phase.STOPPING), begun, Status.STOPPED)
@@ -180,7 +181,7 @@ def _docked(
     reference = following.reference
     nominal = following.twist
     row = witnessed_clf(reference.pose, reference.twist, config.law, config.fraction, nominal)
-    decision, after = finish(base, begun, nominal, scene, _HERE, coast, (row,))
+    decision, after = finish(base, begun, nominal, scene, _HERE, coasted, (row,))
     state = state._replace(base=after, s=following.s, idle=state.idle + 1)
     if following.s > state.mark + _PROGRESS or following.s < state.mark:
         state = state._replace(mark=following.s, idle=0)

@@ -8,8 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from clfcbf.se2 import Twist
-
 __all__ = ["Priority", "Row", "Rows"]
 
 Row = tuple[float, float, float]
@@ -39,12 +37,6 @@ class Rows(NamedTuple):
     coefficients: tuple[Row, ...]
     priority: int
     values: tuple[float, ...]
-
-    def attainable(self, witness: Twist) -> Rows:
-        """These rows, none tighter than what the command ``witness`` meets."""
-        v, omega = witness
-        met = [(a, c, max(b, a * v + c * omega)) for a, c, b in self.coefficients]
-        return Rows(self.names, tuple(met), self.priority, self.values)
 
     @property
     def A(self) -> NDArray[np.float64]:

@@ -7,9 +7,6 @@ from bisect import bisect_left
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from clfcbf.errors import GeometryError
 from clfcbf.se2 import Pose2, wrap_angle
 
@@ -73,11 +70,6 @@ class Path:
     def length(self) -> float:
         """Length of the leg [m]."""
         return self.s[-1] - self.s[0]
-
-    @property
-    def xy(self) -> NDArray[np.float64]:
-        """Positions, shape (n, 2) [m]."""
-        return np.array([(p.x, p.y) for p in self.poses])
 
     def at(self, s: float) -> Place:
         """The place at arc length ``s``, held at the ends."""

@@ -96,7 +96,7 @@ def roll_out(
         body, mean = body_after(body, command, period, lag)
         pose = pose.moved(mean, period)
         time += period
-        clearance = min(clearance, guard.clearance(scene))
+        clearance = min(clearance, outcome.clearance)
         times.append(time)
         poses.append(pose)
         twists.append(command)

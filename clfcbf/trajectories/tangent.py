@@ -47,13 +47,6 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.start)
 
-    def take(self, which: Indices) -> Candidates:
-        """The rows ``which``."""
-        return Candidates(
-            self.start[which], self.radius[which], self.swept[which], self.straight[which],
-            self.curve[which], self.sample[which], self.part[which],
-        )  # fmt: skip
-
 
 def tangent_candidates(
     starts: Array, radii: Array, curves: TerminalCurves, turn_limit: float = 1.1 * np.pi
