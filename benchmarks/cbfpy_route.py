@@ -22,7 +22,7 @@ import numpy as np
 from benchmarks.routes import PENALTY
 from benchmarks.stream import Stream, Tick
 from benchmarks.timing import Answer, Contestant
-from clfcbf.constraints.cbf import FieldOfViewBarrier, camera_edges
+from clfcbf.constraints.cbf import FieldOfViewBarrier
 from clfcbf.constraints.clf import witnessed_clf
 from clfcbf.controller import TrackingConfig
 from clfcbf.limits import InputBox
@@ -57,7 +57,7 @@ def _cbfpy_classes() -> tuple[_Maker, Any]:
             (barrier,) = base.barriers
             assert isinstance(barrier, FieldOfViewBarrier)
             self.gain = barrier.gain
-            self.edges = camera_edges(barrier.camera, barrier.margin)
+            self.edges = barrier.edges
             q11, q12, q22 = base.weight
             self.Q = ((q11, q12), (q12, q22))
             limits = base.limits

@@ -16,7 +16,7 @@ from clfcbf import defaults
 from clfcbf.batch_guard import ArrayGuard, Brakes
 from clfcbf.batch_tick import STATUSES, BatchConfig, tick
 from clfcbf.camera import FieldOfView
-from clfcbf.constraints.cbf import FieldOfViewBarrier, camera_edges
+from clfcbf.constraints.cbf import FieldOfViewBarrier
 from clfcbf.errors import ConfigurationError
 from clfcbf.limits import Limits, check_period
 from clfcbf.qp.batch_chunks import CHUNK, slices
@@ -86,13 +86,14 @@ def filter_batch(
     weight: tuple[float, float, float] = defaults.QP_WEIGHT,
     *,
     state: BatchState | None = None,
+    setback: float = 0.0,
     guard_lag: float = defaults.GUARD_LAG,
     chunk: int = CHUNK,
 ) -> BatchDecision:
     r"""The safe commands closest to the nominal ones, one tick of many robots.
 
     Equal to :class:`clfcbf.safety_filter.SafetyFilter` with the barrier
-    ``FieldOfViewBarrier(camera, gain, margin)``, ``lag=0`` and scenes as fresh as the tick,
+    ``FieldOfViewBarrier(camera, gain, margin, setback=setback)``, ``lag=0`` and scenes as fresh as the tick,
     robot by robot, to 1e-12.
 
     Parameters
@@ -108,6 +109,7 @@ def filter_batch(
     period : of the control loop [s]
     weight : ``(q11, q12, q22)`` of the distance to the nominal command
     state : what the tick before left; None at rest
+    setback : by which the edges are moved inward [m]
     guard_lag : longest lag of the body that the guard covers [s]
     chunk : robots worked on at a time; changes the speed only
 
@@ -120,10 +122,10 @@ def filter_batch(
     ------
     ConfigurationError : a parameter is out of range, or an array has another shape
     """
-    FieldOfViewBarrier(camera, gain, margin)  # checks gain and margin
+    barrier = FieldOfViewBarrier(camera, gain, margin, setback=setback)  # checks all of them
     if not 0.0 <= guard_lag < 10.0:
         raise ConfigurationError(f"guard_lag must be in [0, 10) s, got {guard_lag!r}")
-    guard = ArrayGuard(limits, check_period(period), camera, margin, guard_lag)
+    guard = ArrayGuard(limits, check_period(period), camera, margin, setback, guard_lag)
     wants = _shaped("nominal", nominal, None, (2,))
     count = len(wants)
     seen = _shaped("features", features, count, (3,) if camera.width > 0.0 else (2, 3))
@@ -142,7 +144,7 @@ def filter_batch(
         np.empty(count),
         BatchState.at_rest(count),
     )
-    config = BatchConfig(guard, camera_edges(camera, margin), gain, check_weight(weight))
+    config = BatchConfig(guard, barrier.edges, gain, check_weight(weight))
     for here in slices(count, chunk):
         nominal_t, feature_t, applied_t, sent_t, brake_t = (
             np.ascontiguousarray(rows[here].T)

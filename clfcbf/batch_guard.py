@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from clfcbf.camera import FieldOfView
+from clfcbf.constraints.cbf import camera_edges
 from clfcbf.guard import FALLBACKS, ROUNDING
 from clfcbf.limits import Limits
 from clfcbf.qp.batch_geometry import Array, Flags, Mask
@@ -71,6 +72,14 @@ def arcs(twist: Array, duration: Array | float) -> Array:
     return np.stack((chord * np.cos(half), chord * sine, 2.0 * half))
 
 
+def moved(points: Array, motion: Array) -> Array:
+    """Points as seen after motions, see :meth:`clfcbf.se2.Pose2.seen`."""
+    x, y, turn = motion
+    c, s = np.cos(turn), np.sin(turn)
+    d_x, d_y = points[:, 0] - x, points[:, 1] - y
+    return np.stack((c * d_x + s * d_y, c * d_y - s * d_x), axis=1)
+
+
 def composed(first: Array, then: Array) -> Array:
     """``first * then``, see :meth:`clfcbf.se2.Pose2.compose`; the angle is not wrapped."""
     x, y, theta = first
@@ -85,7 +94,8 @@ class ArrayGuard:
     Attributes
     ----------
     limits, period : as of the chassis
-    camera, margin : the view, its half angle less by the margin [rad]
+    camera, margin, setback : the view, its edges turned in by the margin [rad] and moved in by
+        the setback [m]
     lag : longest first-order lag of the body that is covered [s]
     """
 
@@ -93,6 +103,7 @@ class ArrayGuard:
     period: float
     camera: FieldOfView
     margin: float
+    setback: float
     lag: float
 
     def brakes_from(self, twist: Array) -> Brakes:
@@ -114,7 +125,7 @@ class ArrayGuard:
         camera.
         """
         half_angle = self.camera.half_angle - self.margin
-        shift = blur * (1.0 / math.sin(half_angle))
+        shift = (self.setback + blur) * (1.0 / math.sin(half_angle))
         widest = np.zeros(points.shape[-1])
         for x, y in points:
             np.maximum(widest, self._bearing(x, y, shift), out=widest)
@@ -161,13 +172,19 @@ class ArrayGuard:
         clearance = self.clearance(points)
         floor = np.minimum(clearance, 0.0)
         ahead = clearance > -np.inf
-        sent = self.brakes_from(wanted.copy())
+        asked, wanted = wanted, wanted.copy()
+        at = np.flatnonzero((clearance < 0.0) & ahead)
+        if at.size:
+            safe = clipped(box[:, at], last.next().twist[:, at])
+            wanted[:, at] = self._inward(wanted[:, at], safe, points[:, :, at])
+        sent = self.brakes_from(wanted)
         good = self.admissible(points, body, sent, floor) & ahead
         sure = good & self._certifies(points, body, sent.twist, floor)
+        kept = np.where((asked == wanted).all(axis=0), ADMITTED, REPLACED)
         answer = ArrayGuarded(
             wanted.copy(),
-            sent._replace(verified=sure),
-            np.where(good, ADMITTED, BRAKED),
+            Brakes(wanted.copy(), sent.ticks, sure),
+            np.where(good, kept, BRAKED),
             sure.copy(),
             clearance,
         )
@@ -214,15 +231,27 @@ class ArrayGuard:
             answer.verdict[here] = REPLACED
         return answer
 
+    def _inward(self, wanted: Array, safe: Array, points: Array) -> Array:
+        """Commands without what drives out more than the brake does, as the guard has it."""
+        v, omega = wanted.copy()
+        for n_x, n_y, offset in camera_edges(self.camera, self.margin, self.setback):
+            for x, y in points:
+                violated = n_x * x + n_y * y - offset < 0.0
+                lever = n_y * x - n_x * y
+                v = np.where(violated & (n_x * v > n_x * safe[0]), safe[0], v)
+                omega = np.where(violated & (lever * omega > lever * safe[1]), safe[1], omega)
+        return np.stack((v, omega))
+
     def _certifies(self, points: Array, body: Array, twist: Array, floor: Array) -> Mask:
-        """Whether admitted commands have brakes that keep the view, the margin included."""
+        """Whether admitted commands have brakes that keep the view but for its reserve."""
         limits = self.limits
-        coasted = np.minimum(floor, self.clearance(points, (arcs(body, self.lag),)))
-        kept = np.where(floor < 0.0, coasted, floor)
+        bare = replace(self, margin=0.0, setback=0.0)
+        motions = np.zeros((3, len(floor))), arcs(body, self.lag)
+        kept = np.minimum(*[bare.clearance(moved(points, motion)) for motion in motions])
         least, most = limits.reverse_speed - ROUNDING, limits.v_max + ROUNDING
         inside = (least <= twist[0]) & (twist[0] <= most)
         inside &= np.abs(twist[1]) <= limits.omega_max + ROUNDING
-        sure: Mask = inside & (kept >= -self.margin)
+        sure: Mask = inside & ((kept >= 0.0) | (floor == 0.0))
         return sure
 
     def kept(self, box: Array, last: Brakes, safe: Array) -> Brakes:

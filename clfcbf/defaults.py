@@ -33,6 +33,9 @@ VIEW_MARGIN = math.radians(3.0)
 by range, and nothing by latency; all of them together, close to the feature, up to 5.0°, which
 this does not cover (see benchmarks.falsify). It costs no time in R1, R3 and R4."""
 
+VIEW_SETBACK = 0.02
+"""[m] """
+
 # The path-following law -------------------------------------------------------------------------
 
 FOLLOW_K2 = 25.0

@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
 
-from clfcbf.constraints.barrier import HERE, Barrier
+from clfcbf.constraints.barrier import HERE, Barrier, Sweep
 from clfcbf.errors import ConfigurationError
 from clfcbf.limits import InputBox, Limits, check_period
 from clfcbf.scene import Scene
@@ -33,7 +33,6 @@ from clfcbf.se2 import Pose2, Twist
 __all__ = ["Brake", "Guard", "Guarded", "Verdict", "moved_scene"]
 
 _REST = Twist(0.0, 0.0)
-_ORIGIN = HERE[0]
 _new = tuple.__new__  # makes a named tuple in half the time of its own constructor
 
 ROUNDING = 1e-12
@@ -96,58 +95,40 @@ class Guard:
     limits, period : as of the chassis; the brake is made of them
     barriers : what has to stay at or above zero clearance
     lag : longest first-order lag of the body that is covered [s]
-    grace : the smallest ``margin`` of the barriers, 0 for one that declares none
     """
 
     limits: Limits
     barriers: tuple[Barrier, ...]
     period: float
     lag: float = 0.0
-    grace: float = field(init=False)
 
     def __post_init__(self) -> None:
         check_period(self.period)
         if not 0.0 <= self.lag < 10.0:
             raise ConfigurationError(f"lag must be in [0, 10) s, got {self.lag!r}")
-        grace = min((getattr(barrier, "margin", 0.0) for barrier in self.barriers), default=0.0)
-        object.__setattr__(self, "grace", grace)
 
-    def clearance(
-        self, scene: Scene, motions: tuple[Pose2, ...] = HERE, blur: float = 0.0
-    ) -> float:
-        """Smallest clearance of any barrier at any of the poses; +inf without barriers.
-
-        Each in its own unit; see :meth:`Barrier.clearance`.
-        """
-        smallest = math.inf
-        for barrier in self.barriers:
-            clearance = barrier.clearance(scene, motions, blur)
-            if clearance < smallest:
-                smallest = clearance
-        return smallest
+    def clearance(self, scene: Scene, motion: Pose2 = HERE) -> float:
+        """Smallest clearance of any barrier, each in its own unit; +inf without barriers."""
+        return min((b.clearance(scene, motion) for b in self.barriers), default=math.inf)
 
     def brake_from(self, twist: Twist) -> Brake:
         """The same-curvature brake from ``twist``."""
         ticks = self.limits.brake_ticks(twist, self.period)
         return _new(Brake, (twist, ticks, ticks == 0))
 
-    def admissible(
-        self,
-        scene: Scene,
-        body: Twist,
-        brake: Brake,
-        floor: float = 0.0,
-        motion: Pose2 = _ORIGIN,
-    ) -> bool:
-        r"""Whether a brake is safe from here to rest, whatever the lag up to ``lag``.
+    def sweep(self, body: Twist, brake: Brake, motion: Pose2 = HERE) -> Sweep:
+        """Where a body may pass on its way to rest, whatever its lag up to ``lag``."""
+        duration = 0.5 * self.period * (brake[1] + 1)
+        return Sweep.of(motion, body, self.lag, brake[0], duration)
+
+    def admissible(self, scene: Scene, sweep: Sweep, floors: tuple[float, ...] = ()) -> bool:
+        r"""Whether a brake is safe from here to rest.
 
         Parameters
         ----------
-        scene : goal and feature as seen before ``motion``
-        body : twist of the body now
-        brake : candidate command and the ticks its brake takes
-        floor : clearance to be kept
-        motion : how the robot moved since the scene was seen
+        scene : goal and feature as seen before the sweep's ``motion``
+        sweep : of the brake, see :meth:`sweep`
+        floors : clearance of each barrier to be kept, at most 0; none stands for zeros
 
         Notes
         -----
@@ -158,49 +139,24 @@ class Guard:
 
         .. math:: |v_b\,\omega - v\,\omega_b|\,S E
 
-        (the area between the two orders, Green). On each side of the rectangle of (S, E) a
-        body-fixed point moves on a constant-twist arc, where its largest bearing off the forward
-        direction is at an end, while it is ahead of the camera and of the rotation centre. So
-        four corners, each with that blur, answer for all of it, for a camera whose view
-        contains the forward direction even when turned by the arc.
+        (the area between the two orders, Green). For the field of view, on each side of the
+        rectangle of (S, E) a body-fixed point moves on a constant-twist arc, where its largest
+        bearing off the forward direction is at an end, while it is ahead of the camera and of
+        the rotation centre. So four corners, each with that blur, answer for all of it, for a
+        camera whose view contains the forward direction even when turned by the arc.
         """
-        twist, ticks, _ = brake
-        duration = 0.5 * self.period * (ticks + 1)
-        braked = motion.moved(twist, duration)
-        if not self.lag:
-            return self.clearance(scene, (motion, braked)) >= floor
-        blur = abs(body[0] * twist[1] - twist[0] * body[1]) * duration * self.lag
-        coasted = motion.moved(body, self.lag)
-        unavoidable = (motion, coasted)
-        if floor < 0.0:  # outside, what no command can change is no reason to refuse the way back
-            floor, blur = min(floor, self.clearance(scene, unavoidable)), 0.0
-        corners = (*unavoidable, braked, coasted.moved(twist, duration))
-        return self.clearance(scene, corners, blur) >= floor
-
-    def _certifies(
-        self, scene: Scene, body: Twist, twist: Twist, floor: float, motion: Pose2
-    ) -> bool:
-        """Whether an admitted command has a brake that keeps every barrier, margins included."""
-        if floor < 0.0:
-            coasted = motion.moved(body, self.lag)
-            floor = min(floor, self.clearance(scene, (motion, coasted)))
-        return floor >= -self.grace and self.limits.contains(twist, ROUNDING)
-
-    def _around(
-        self, scene: Scene, body: Twist, brake: Brake, motion: Pose2
-    ) -> tuple[float, float]:
-        """Clearance now, and a lower bound of it until the brake has come to rest."""
-        (v, omega), (v_body, omega_body) = brake.twist, body
-        duration, lag = 0.5 * self.period * (brake.ticks + 1), self.lag
-        turn = abs(omega) * duration + abs(omega_body) * lag
-        travel = abs(v) * duration + abs(v_body) * lag
-        blur = abs(v_body * omega - v * omega_body) * duration * lag
-        clearance = least = math.inf
-        for barrier in self.barriers:
-            here, bound = barrier.clearance_around(scene, motion, turn, travel, blur)
-            clearance = here if here < clearance else clearance
-            least = bound if bound < least else least
-        return clearance, least
+        if not floors:
+            return all(barrier.clearance_along(scene, sweep) >= 0.0 for barrier in self.barriers)
+        sharp = sweep._replace(blur=0.0)
+        for barrier, floor in zip(self.barriers, floors, strict=True):
+            if floor == 0.0:
+                least = barrier.clearance_along(scene, sweep)
+            else:  # outside, what no command can change is no reason to refuse the way back
+                floor = min(floor, barrier.clearance(scene, _coasted(sweep)))
+                least = barrier.clearance_along(scene, sharp)
+            if not least >= floor:
+                return False
+        return True
 
     def filter(
         self,
@@ -209,7 +165,7 @@ class Guard:
         body: Twist,
         box: InputBox,
         brake: Brake,
-        motion: Pose2 = _ORIGIN,
+        motion: Pose2 = HERE,
     ) -> Guarded:
         """The admissible command nearest to ``wanted`` among a few, else the certified brake.
 
@@ -221,39 +177,94 @@ class Guard:
         box : commands reachable this tick
         brake : the brake certified at the last tick
         motion : how the robot moved since the scene was seen
-
-        Notes
-        -----
-        Outside the safe set (found there, or put there by a nudge) the clearance to be kept is
-        the one there is: what does not make things worse is admissible, so the robot can turn
-        back. Where no barrier says which way back is (minus infinity) it brakes. What is admitted
-        there is certified as long as it stays inside the barriers' own margins, which are
-        declared for estimates that err; nothing is outside the speed limits, where the next
-        command is a forced one.
         """
         new = self.brake_from(wanted)
-        clearance, least = self._around(scene, body, new, motion)
-        floor = min(0.0, clearance)
-        if least >= 0.0 or (
-            clearance > -math.inf and self.admissible(scene, body, new, floor, motion)
-        ):
-            sure = self._certifies(scene, body, wanted, floor, motion)
-            brake = _new(Brake, (wanted, new[1], sure))
-            return _new(Guarded, (wanted, brake, Verdict.ADMITTED, sure, clearance))
+        sweep = self.sweep(body, new, motion)
+        clearance = least = math.inf
+        for barrier in self.barriers:
+            here, bound = barrier.clearance_around(scene, sweep)
+            clearance = here if here < clearance else clearance
+            least = bound if bound < least else least
+        if clearance < 0.0:
+            return self._outside(wanted, scene, sweep, box, brake)
+        if least >= 0.0 or self.admissible(scene, sweep):
+            sure = self.limits.contains(wanted, ROUNDING)
+            kept = _new(Brake, (wanted, new[1], sure))
+            return _new(Guarded, (wanted, kept, Verdict.ADMITTED, sure, clearance))
         last = brake.next()
-        safe = box.clip(last.twist)
-        coasted = motion.moved(body, self.lag)
-        hopeless = floor == 0.0 and self.clearance(scene, (coasted,)) < 0.0
-        if clearance > -math.inf and not hopeless:
-            for other in _between(safe, wanted, box):
+        coasted = _coasted(sweep)
+        if self.clearance(scene, coasted) >= 0.0:  # else nothing that is sent can help
+            for other in _between(box.clip(last.twist), wanted, box):
                 new = self.brake_from(other)
-                if self.admissible(scene, body, new, floor, motion):
-                    sure = self._certifies(scene, body, other, floor, motion)
+                if self.admissible(scene, self.sweep(body, new, motion)):
+                    sure = self.limits.contains(other, ROUNDING)
                     kept = Brake(other, new.ticks, sure)
                     return Guarded(other, kept, Verdict.REPLACED, sure, clearance)
+        return self._braked(last, box, clearance)
+
+    def _outside(
+        self, wanted: Twist, scene: Scene, sweep: Sweep, box: InputBox, brake: Brake
+    ) -> Guarded:
+        """The same where some barrier does not hold, found so or put there by a nudge.
+
+        The clearance to be kept is the one there is: what does not make things worse is
+        admissible, so the robot can turn back. Where no barrier says which way back is (minus
+        infinity) it brakes. Neither speed nor turn rate may drive out more than the brake does,
+        not even where a model finds them in balance: what errs in the model would add up.
+
+        What is admitted here is certified as long as it keeps the barriers without their
+        reserve, which is declared for estimates that err; nothing is outside the speed limits,
+        where the next command is a forced one.
+        """
+        motion, body = sweep.motion, sweep.body
+        heres = tuple([barrier.clearance(scene, motion) for barrier in self.barriers])
+        floors = tuple([min(0.0, here) for here in heres])
+        clearance = min(heres)
+        last = brake.next()
+        safe = box.clip(last.twist)
+        if clearance > -math.inf:
+            inward = self._inward(wanted, safe, scene, motion)
+            for other in (inward, *_between(safe, inward, box)):
+                new = self.brake_from(other)
+                around = self.sweep(body, new, motion)
+                if self.admissible(scene, around, floors):
+                    sure = self._certifies(scene, around, floors)
+                    kept = Brake(other, new.ticks, sure)
+                    verdict = Verdict.ADMITTED if other == wanted else Verdict.REPLACED
+                    return Guarded(other, kept, verdict, sure, clearance)
+        return self._braked(last, box, clearance)
+
+    def _inward(self, wanted: Twist, safe: Twist, scene: Scene, motion: Pose2) -> Twist:
+        """``wanted`` with each part that drives out more than the brake's replaced by that."""
+        v, omega = wanted
+        for barrier in self.barriers:
+            _, coefficients, _, values = barrier.rows(scene, motion)
+            for (a_v, a_omega, _), value in zip(coefficients, values, strict=True):
+                if value < 0.0:
+                    v = safe[0] if a_v * v > a_v * safe[0] else v
+                    omega = safe[1] if a_omega * omega > a_omega * safe[1] else omega
+        return Twist(v, omega)
+
+    def _certifies(self, scene: Scene, sweep: Sweep, floors: tuple[float, ...]) -> bool:
+        """Whether an admitted command's brake keeps every barrier but for its reserve."""
+        for barrier, floor in zip(self.barriers, floors, strict=True):
+            bare: Barrier = getattr(barrier, "bare", barrier)
+            for motion in (sweep.motion, _coasted(sweep)) if floor < 0.0 else ():
+                if not bare.clearance(scene, motion) >= 0.0:
+                    return False
+        return self.limits.contains(sweep.twist, ROUNDING)
+
+    def _braked(self, last: Brake, box: InputBox, clearance: float) -> Guarded:
+        """The next command of the brake at hand, or what the input box leaves of it."""
+        safe = box.clip(last.twist)
         # Outside the box the chassis did not follow the brake: its certificate is void.
         kept = last if box.contains(last.twist, ROUNDING) else self.brake_from(safe)
         return Guarded(safe, kept, Verdict.BRAKED, kept.verified, clearance)
+
+
+def _coasted(sweep: Sweep) -> Pose2:
+    """Where the body comes to rest if nothing more is commanded."""
+    return sweep.motion.moved(sweep.body, sweep.lag)
 
 
 def _between(safe: Twist, wanted: Twist, box: InputBox) -> Iterator[Twist]:

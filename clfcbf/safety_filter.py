@@ -77,7 +77,9 @@ def as_barriers(
         if isinstance(barrier, FieldOfView):
             cameras += 1
             name = "fov" if cameras == 1 else f"fov{cameras}"
-            barrier = FieldOfViewBarrier(barrier, gain, defaults.VIEW_MARGIN, name)
+            barrier = FieldOfViewBarrier(
+                barrier, gain, defaults.VIEW_MARGIN, name, defaults.VIEW_SETBACK
+            )
         made.append(barrier)
     return tuple(made)
 

@@ -101,8 +101,8 @@ class FilterConfig:
         for barrier in self.barriers:
             if not isinstance(barrier, Barrier):
                 raise ConfigurationError(
-                    f"not a barrier: {barrier!r}; it needs name, rows, clearance and "
-                    "clearance_around, see clfcbf.Barrier"
+                    f"not a barrier: {barrier!r}; it needs name, rows, clearance, "
+                    "clearance_along and clearance_around, see clfcbf.Barrier"
                 )
         names = [barrier.name for barrier in self.barriers]
         if len(set(names)) < len(names):

@@ -313,6 +313,9 @@ class Wall:
     def clearance(self, *_: object, **__: object) -> float:
         return self.value
 
+    def clearance_along(self, *_: object, **__: object) -> float:
+        return self.value
+
 
 def scene_at(distance: float, bearing: float, stamp: float = 0.0) -> Scene:
     feature = Pose2(0.2 + distance * math.cos(bearing), distance * math.sin(bearing), 0.0)

@@ -79,7 +79,7 @@ def test_an_admissible_command_has_an_admissible_brake(camera, limits, distance,
     scene = scene_at(camera, distance, share * camera.half_angle)
     assume(guard.clearance(scene) >= 0.0)
     brake = guard.brake_from(twist)
-    assume(guard.admissible(scene, REST, brake))
+    assume(guard.admissible(scene, guard.sweep(REST, brake)))
     while brake.ticks > 0:
         assert lowest_on_arc(guard, scene, brake.twist, PERIOD, 20) >= -1e-9
         scene = moved_scene(scene, arc(brake.twist, PERIOD))

@@ -156,10 +156,13 @@ class Broken:
     def rows(self, scene, motion=None):
         raise KeyError("no such obstacle")
 
-    def clearance(self, scene, motions=(), blur=0.0):
+    def clearance(self, scene, motion=None):
         return math.inf
 
-    def clearance_around(self, scene, motion, turn, travel, blur):
+    def clearance_along(self, scene, sweep):
+        return math.inf
+
+    def clearance_around(self, scene, sweep):
         return math.inf, math.inf
 
 

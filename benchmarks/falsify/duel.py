@@ -17,7 +17,7 @@ from benchmarks.falsify.attack import Attack, Constants, Move
 from benchmarks.falsify.body import LaggingBody
 from clfcbf.camera import FieldOfView
 from clfcbf.decision import Decision, Status
-from clfcbf.defaults import VIEW_MARGIN
+from clfcbf.defaults import VIEW_MARGIN, VIEW_SETBACK
 from clfcbf.limits import Limits
 from clfcbf.scene import Scene
 from clfcbf.se2 import Point, Pose2, Twist
@@ -49,12 +49,13 @@ class Subject(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Arena:
-    """Where runs take place; ``margin`` [rad] is kept from the edge at the start."""
+    """Where runs take place; ``margin`` [rad] and ``setback`` [m] are kept at the start."""
 
     limits: Limits
     camera: FieldOfView
     period: float
     margin: float = VIEW_MARGIN
+    setback: float = VIEW_SETBACK
 
 
 class Outcome(NamedTuple):
@@ -169,11 +170,10 @@ def _polar(camera: FieldOfView, distance: float, bearing: float) -> Point:
 
 
 def _start(arena: Arena, constants: Constants) -> Point:
-    return _polar(
-        arena.camera,
-        _between(NEAREST, FARTHEST, constants.distance),
-        constants.bearing * (arena.camera.half_angle - arena.margin),
-    )
+    """A start in the set that is kept, the edges turned in and moved in."""
+    distance = _between(NEAREST, FARTHEST, constants.distance)
+    widest = arena.camera.half_angle - arena.margin - math.asin(arena.setback / distance)
+    return _polar(arena.camera, distance, constants.bearing * widest)
 
 
 def _nudged(point: Point, distance: float, direction: float) -> Point:

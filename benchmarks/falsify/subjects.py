@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from benchmarks.falsify.duel import Arena
 from clfcbf import Barrier, Pose2, SafetyFilter, Scene
+from clfcbf.constraints.barrier import HERE, Sweep
 from clfcbf.constraints.rows import Rows
 from clfcbf.simulation.plant import DEFAULT_LAG
 from clfcbf.simulation.scenarios import World, limits_named
@@ -31,12 +32,13 @@ class _RowsAlone:
     def rows(self, scene: Scene, motion: Pose2 | None = None) -> Rows:
         return self.barrier.rows(scene, motion)
 
-    def clearance(self, scene: Scene, motions: tuple[Pose2, ...] = (), blur: float = 0.0) -> float:
+    def clearance(self, scene: Scene, motion: Pose2 = HERE) -> float:
         return math.inf
 
-    def clearance_around(
-        self, scene: Scene, motion: Pose2, turn: float, travel: float, blur: float
-    ) -> tuple[float, float]:
+    def clearance_along(self, scene: Scene, sweep: Sweep) -> float:
+        return math.inf
+
+    def clearance_around(self, scene: Scene, sweep: Sweep) -> tuple[float, float]:
         return math.inf, math.inf
 
 

@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from clfcbf.camera import FieldOfView
-from clfcbf.constraints.barrier import HERE
+from clfcbf.constraints.barrier import HERE, Sweep
 from clfcbf.constraints.bearing import bearing_rows, paper_row
 from clfcbf.constraints.checks import check_finite, check_positive, shrunk_half_angle
 from clfcbf.constraints.rows import Priority, Row, Rows
-from clfcbf.errors import GeometryError
+from clfcbf.errors import ConfigurationError, GeometryError
 from clfcbf.scene import Scene
 from clfcbf.se2 import Point, Pose2
 
@@ -59,18 +59,24 @@ class Edge(NamedTuple):
         return cls(n_x, n_y, n_x * point[0] + n_y * point[1])
 
 
-def camera_edges(camera: FieldOfView, margin: float = 0.0) -> tuple[Edge, Edge]:
-    """Left and right edge of a camera whose half angle is smaller by ``margin`` [rad].
+def camera_edges(
+    camera: FieldOfView, margin: float = 0.0, setback: float = 0.0
+) -> tuple[Edge, Edge]:
+    """Left and right edge of a camera, turned in by ``margin`` [rad] and moved in by ``setback`` [m].
 
     Raises
     ------
-    ConfigurationError : the margin is not in [0, half_angle)
+    ConfigurationError : the margin is not in [0, half_angle), or the setback negative
     """
     half_angle = shrunk_half_angle(camera, margin)
+    if not 0.0 <= setback < math.inf:
+        raise ConfigurationError(f"setback must be finite and at least 0 m, got {setback!r}")
     x, y, yaw = camera.camera
+    left = Edge.through((x, y), yaw + half_angle, inward=-1.0)
+    right = Edge.through((x, y), yaw - half_angle, inward=+1.0)
     return (
-        Edge.through((x, y), yaw + half_angle, inward=-1.0),
-        Edge.through((x, y), yaw - half_angle, inward=+1.0),
+        left._replace(offset=left.offset + setback),
+        right._replace(offset=right.offset + setback),
     )
 
 
@@ -154,22 +160,29 @@ class FieldOfViewBarrier:
     is in it when both ends are; that needs a distance of :math:`l/(2\tan\Phi)` from the
     camera at least. The ends are taken to be at rest, as the feature is.
 
+    What is kept is the set of points that stay in view when they are turned about the camera by
+    up to ``margin`` and then displaced by up to ``setback``: the view with its edges turned in by
+    the one and moved in by the other, which is again a view, of a camera that sits
+    ``setback / sin(half_angle - margin)`` ahead.
+
     Attributes
     ----------
     camera : the view, and the extent of the feature to be kept in it
     gain : class-K gain :math:`\lambda` [1/s], see ``edge_rows``
     margin : taken off the half angle [rad], in [0, half_angle)
     name : prefix of the rows' names; give each camera its own
+    setback : by which both edges are moved inward [m], at least 0
 
     Raises
     ------
-    ConfigurationError : the gain is not positive, or the margin out of range
+    ConfigurationError : the gain is not positive, or margin or setback out of range
     """
 
     camera: FieldOfView
     gain: float
     margin: float = 0.0
     name: str = "fov"
+    setback: float = 0.0
     _edges: tuple[Edge, ...] = field(init=False, repr=False, compare=False)
     _names: tuple[str, ...] = field(init=False, repr=False, compare=False)
     _eye: tuple[float, float, float, float, float] = field(init=False, repr=False, compare=False)
@@ -182,16 +195,28 @@ class FieldOfViewBarrier:
         check_positive("gain", self.gain)
         ends = (".left_end", ".right_end") if self.camera.width > 0.0 else ("",)
         names = tuple(f"{self.name}.{side}{end}" for end in ends for side in ("left", "right"))
-        object.__setattr__(self, "_edges", camera_edges(self.camera, self.margin))
+        object.__setattr__(self, "_edges", camera_edges(self.camera, self.margin, self.setback))
         object.__setattr__(self, "_names", names)
         x, y, yaw = self.camera.camera
         half_angle = self.camera.half_angle - self.margin
-        eye = (x, y, math.cos(yaw), math.sin(yaw), 1.0 / math.sin(half_angle))
+        cos, sin, reach = math.cos(yaw), math.sin(yaw), 1.0 / math.sin(half_angle)
+        ahead = self.setback * reach
+        eye = (x + ahead * cos, y + ahead * sin, cos, sin, reach)
         object.__setattr__(self, "_eye", eye)
         object.__setattr__(self, "_half_angle", half_angle)
         object.__setattr__(self, "_width", self.camera.width)
-        object.__setattr__(self, "_lever", math.hypot(x, y))
+        object.__setattr__(self, "_lever", math.hypot(eye[0], eye[1]))
         object.__setattr__(self, "_most_turn", half_angle - abs(yaw))
+
+    @property
+    def bare(self) -> FieldOfViewBarrier:
+        """The same without margin and setback: the view itself."""
+        return FieldOfViewBarrier(self.camera, self.gain, name=self.name)
+
+    @property
+    def edges(self) -> tuple[Edge, ...]:
+        """The edges that are kept, turned and moved inward."""
+        return self._edges
 
     def rows(self, scene: Scene, motion: Pose2 | None = None) -> Rows:
         """Rows of the feature after ``motion``, two for its centre or four for its ends.
@@ -208,15 +233,8 @@ class FieldOfViewBarrier:
             points = tuple([motion.seen(point) for point in points])
         return half_plane_rows(self._names, self._edges, points, self.gain)
 
-    def clearance(
-        self, scene: Scene, motions: tuple[Pose2, ...] = HERE, blur: float = 0.0
-    ) -> float:
-        """Angle from the feature to the nearer edge less the margin [rad], the smallest over poses.
-
-        With a ``blur`` both edges move inward by it: the view of a camera that sits
-        ``blur / sin(half_angle - margin)`` ahead of this one. Several poses stand for all the
-        arcs between them, which is true while the robot's forward direction stays in the view
-        turned by each and the feature ahead of the rotation centre: minus infinity otherwise.
+    def clearance(self, scene: Scene, motion: Pose2 = HERE) -> float:
+        """Angle from the feature to the nearer edge that is kept [rad].
 
         Negative outside, the smaller of the two ends where the feature has a width. Minus
         infinity behind the camera, from where no row leads back into view. Seen from the
@@ -224,7 +242,20 @@ class FieldOfViewBarrier:
 
         Raises
         ------
-        GeometryError : as ``rows``
+        GeometryError : as ``rows``, or the motion is not finite
+        """
+        return self.clearance_over(scene, (motion,))
+
+    def clearance_along(self, scene: Scene, sweep: Sweep) -> float:
+        """The smallest clearance at the corners of the sweep, which stand for all of it."""
+        return self.clearance_over(scene, sweep.corners(), sweep.blur)
+
+    def clearance_over(self, scene: Scene, motions: tuple[Pose2, ...], blur: float = 0.0) -> float:
+        """The smallest clearance over poses of the robot, their positions known to ``blur`` [m].
+
+        A ``blur`` moves both edges inward by as much. Several poses stand for all the arcs
+        between them, which is true while the robot's forward direction stays in the view
+        turned by each and the feature ahead of the rotation centre: minus infinity otherwise.
         """
         eye_x, eye_y, cos, sin, reach = self._eye
         shift = blur * reach
@@ -252,17 +283,16 @@ class FieldOfViewBarrier:
                     raise GeometryError(f"motion must be finite, got {motions!r}")
         return self._room(widest)
 
-    def clearance_around(
-        self, scene: Scene, motion: Pose2, turn: float, travel: float, blur: float
-    ) -> tuple[float, float]:
-        r"""Clearance after ``motion``, and a lower bound of it over all that is near.
+    def clearance_around(self, scene: Scene, sweep: Sweep) -> tuple[float, float]:
+        r"""Clearance at the sweep's start, and a lower bound of it over all that is near.
 
         From a camera moved by at most :math:`d` a feature at the distance :math:`\rho` moves by
         at most :math:`\arcsin(d/\rho)` in bearing, beside what the camera turns.
         """
         eye_x, eye_y, cos, sin, reach = self._eye
-        moved = travel + self._lever * turn + blur * reach
-        x, y, heading = motion
+        x, y, heading = sweep[0]
+        turn = sweep[5]
+        moved = sweep[6] + self._lever * turn + sweep[7] * reach
         c, s = math.cos(heading), math.sin(heading)
         widest = farthest = 0.0
         for px, py in self._points(scene[1]):

@@ -318,6 +318,6 @@ def plan_approach(
     seen = goal.relative(start)
     camera.check_ahead(seen.seen((standoff, 0.0)))
     gain = 1.0 / (limits.brake_horizon(check_period(period)) + guard_lag)
-    barrier = FieldOfViewBarrier(camera, gain, defaults.VIEW_MARGIN)
+    barrier = FieldOfViewBarrier(camera, gain, defaults.VIEW_MARGIN, setback=defaults.VIEW_SETBACK)
     guard = Guard(limits, (barrier,), period, guard_lag)
     return Planner(guard, camera, standoff, lag).plan(seen, applied)

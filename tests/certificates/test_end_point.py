@@ -170,7 +170,7 @@ def test_a_camera_that_does_not_see_ahead_is_beyond_the_claim():
         return FieldOfView(half_angle, Pose2(0.2, 0.0, math.radians(yaw)))
 
     def smallest(barrier, poses):
-        return min(barrier.clearance(scene, (pose,)) for pose in poses)
+        return min(barrier.clearance(scene, pose) for pose in poses)
 
     aside = FieldOfViewBarrier(camera(math.radians(35), 60), 1.0)
     assert smallest(aside, motions) == pytest.approx(0.0, abs=1e-9)
@@ -182,12 +182,12 @@ def test_a_camera_that_does_not_see_ahead_is_beyond_the_claim():
     assert smallest(barrier, ends) > 0.0
     assert smallest(barrier, motions) < -math.radians(0.4)
     # Poses that stand for the arc between them are therefore refused for such a camera.
-    assert barrier.clearance(scene, ends) == -math.inf
+    assert barrier.clearance_over(scene, ends) == -math.inf
     assert lowest_on_arc(camera_edges(narrow)[1], (x, y), twist, duration) < -1e-3
     # Looking ahead, no half angle misses it.
     for half_angle in (0.2, 0.4, 0.6, 1.2):
         barrier = FieldOfViewBarrier(camera(half_angle, 0), 1.0)
-        assert barrier.clearance(scene, ends) == barrier.clearance(scene, motions)
+        assert barrier.clearance_over(scene, ends) == barrier.clearance_over(scene, motions)
 
 
 def lowest_on_arc(edge, point, twist, duration):

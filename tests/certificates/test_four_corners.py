@@ -15,6 +15,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from clfcbf.camera import FieldOfView
+from clfcbf.constraints.barrier import HERE
 from clfcbf.constraints.cbf import FieldOfViewBarrier, camera_edges
 from clfcbf.estimation import body_after
 from clfcbf.guard import Brake, Guard
@@ -138,7 +139,7 @@ def test_the_barrier_with_a_blur_is_that_lemma(half_angle, yaw, offset, x, y, ra
     camera = FieldOfView(half_angle, Pose2(offset, 0.1, yaw))
     barrier = FieldOfViewBarrier(camera, 1.0)
     point = Pose2(x, y, 0.0)
-    clearance = barrier.clearance(Scene(point, point, 0.0), blur=radius)
+    clearance = barrier.clearance_over(Scene(point, point, 0.0), (HERE,), radius)
     distances = [
         edge.normal_x * x + edge.normal_y * y - edge.offset for edge in camera_edges(camera)
     ]
@@ -149,11 +150,11 @@ def test_the_barrier_with_a_blur_is_that_lemma(half_angle, yaw, offset, x, y, ra
 def corners_hold(guard, scene, body, brake, blurred):
     """``Guard.admissible``, or the same four corners without their blur."""
     if blurred:
-        return guard.admissible(scene, body, brake)
+        return guard.admissible(scene, guard.sweep(body, brake))
     coasted = arc(body, guard.lag)
     braked = arc(brake.twist, 0.5 * PERIOD * (brake.ticks + 1))
     motions = (Pose2(0.0, 0.0, 0.0), coasted, braked, coasted.compose(braked))
-    return guard.clearance(scene, motions) >= 0.0
+    return guard.barriers[0].clearance_over(scene, motions) >= 0.0
 
 
 def hardest_cases(blurred, count, seed):
@@ -189,7 +190,7 @@ def hardest_cases(blurred, count, seed):
             [(1, E / 8)] * 8 + [(0, S / 8)] * 8,
             *(staircase(rng, S, E, 5) for _ in range(3)),
         ):
-            lowest = min(lowest, barrier.clearance(edge, tuple(along(path, u, b))))
+            lowest = min(lowest, barrier.clearance_over(edge, tuple(along(path, u, b))))
         tried += 1
     return lowest
 

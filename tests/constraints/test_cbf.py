@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from clfcbf.camera import FieldOfView
 from clfcbf.constraints.barrier import Barrier
 from clfcbf.constraints.bearing import bearing_rows, paper_row
+from clfcbf.constraints.barrier import Sweep
 from clfcbf.constraints.cbf import (
     Edge,
     FieldOfViewBarrier,
@@ -470,8 +471,10 @@ def test_clearance_around_bounds_every_motion_near(
     seeing = FieldOfView(camera.half_angle, camera.camera, width)
     barrier = FieldOfViewBarrier(seeing, GAIN, 0.02)
     scene = scene_of(Pose2(*point, 0.3))
-    clearance, least = barrier.clearance_around(scene, motion, turn, travel, blur)
-    assert clearance == pytest.approx(barrier.clearance(scene, (motion,)), abs=1e-12)
+    clearance, least = barrier.clearance_around(
+        scene, Sweep(motion, turn=turn, travel=travel, blur=blur)
+    )
+    assert clearance == pytest.approx(barrier.clearance(scene, motion), abs=1e-12)
     assert least <= clearance + 1e-12
     shares = st.floats(-1.0, 1.0)
     for _ in range(5):
@@ -480,4 +483,4 @@ def test_clearance_around_bounds_every_motion_near(
         near = motion.compose(
             Pose2(way * math.cos(direction), way * math.sin(direction), turn * data.draw(shares))
         )
-        assert barrier.clearance(scene, (near,), blur * abs(data.draw(shares))) >= least - 1e-9
+        assert barrier.clearance_over(scene, (near,), blur * abs(data.draw(shares))) >= least - 1e-9

@@ -48,6 +48,9 @@ class Fixed:
     def clearance(self, scene, *arguments, **options):
         return 1.0
 
+    def clearance_along(self, scene, sweep):
+        return 1.0
+
     def clearance_around(self, scene, *arguments, **options):
         return 1.0, 1.0
 
