@@ -33,6 +33,7 @@ class Assumptions:
     nudge : distance by which the feature is moved once in a run [m]
     missed : ticks in a row in which no command is computed and the last one stays, at most
     clip : share of the acceleration limits that the chassis really has
+    gain : class-K gain of the rows [1/s]; 0 for the default one
     protection : "full", "rows" without the guard, or "limits" without the rows as well
     """
 
@@ -48,6 +49,7 @@ class Assumptions:
     nudge: float = 0.0
     missed: int = 0
     clip: float = math.inf
+    gain: float = 0.0
     protection: str = "full"
 
     def __post_init__(self) -> None:
@@ -100,6 +102,8 @@ _BROKEN: dict[str, Assumptions] = {
     "feature nudged 0.1 m": replace(DECLARED, nudge=0.1),
     "10 missed ticks": replace(DECLARED, missed=10),
     "chassis clips at half": replace(DECLARED, clip=0.5),
+    "gain 10/s": replace(DECLARED, gain=10.0),
+    "gain 10/s, guard off": replace(DECLARED, gain=10.0, protection="rows"),
     "guard off": replace(DECLARED, protection="rows"),
     "guard and rows off": replace(DECLARED, protection="limits"),
 }

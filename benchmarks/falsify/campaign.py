@@ -71,7 +71,7 @@ class Tally:
 
     def meet(self, attack: Attack) -> float:
         """Let the default filter meet the attack; its smallest margin [rad]."""
-        subject = make_filter(self.assumptions.protection)
+        subject = make_filter(self.assumptions.protection, gain=self.assumptions.gain)
         outcome = duel(subject, ARENA, self.assumptions, attack)
         self.outcomes.append(outcome)
         if outcome.margin < self.margin:

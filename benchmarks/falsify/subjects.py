@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from benchmarks.falsify.duel import Arena
 from clfcbf import Barrier, Pose2, SafetyFilter, Scene
 from clfcbf.constraints.barrier import HERE, Sweep
+from clfcbf.constraints.cbf import FieldOfViewBarrier
 from clfcbf.constraints.rows import Rows
+from clfcbf.defaults import GUARD_LAG
+from clfcbf.safety_filter import as_barriers
 from clfcbf.simulation.plant import DEFAULT_LAG
 from clfcbf.simulation.scenarios import World, limits_named
 
@@ -42,14 +45,15 @@ class _RowsAlone:
         return math.inf, math.inf
 
 
-def make_filter(protection: str = "full", arena: Arena = ARENA) -> SafetyFilter:
+def make_filter(protection: str = "full", arena: Arena = ARENA, gain: float = 0.0) -> SafetyFilter:
     """A new filter at its defaults, told the body's usual lag.
 
     ``protection`` is "full", "rows" for one without its guard, or "limits" for one that keeps
-    nothing else.
+    nothing else; ``gain`` [1/s] is that of the rows, 0 for the default one.
     """
-    barriers = {"full": [arena.camera], "limits": []}.get(protection)
-    if barriers is not None:
-        return SafetyFilter(arena.limits, barriers, arena.period, lag=DEFAULT_LAG)
-    rows = [_RowsAlone(barrier) for barrier in make_filter(arena=arena).config.barriers]
-    return SafetyFilter(arena.limits, rows, arena.period, lag=DEFAULT_LAG)
+    (barrier,) = as_barriers([arena.camera], arena.limits, arena.period, GUARD_LAG)
+    if gain:
+        assert isinstance(barrier, FieldOfViewBarrier)
+        barrier = replace(barrier, gain=gain)
+    barriers = {"full": [barrier], "rows": [_RowsAlone(barrier)], "limits": []}[protection]
+    return SafetyFilter(arena.limits, barriers, arena.period, lag=DEFAULT_LAG)
