@@ -131,8 +131,7 @@ class ArrayGuard:
             np.maximum(widest, self._bearing(x, y, shift), out=widest)
         for a, b, turn in poses:
             c, s = np.cos(turn), np.sin(turn)
-            away = np.abs(np.mod(turn + math.pi, 2.0 * math.pi) - math.pi)
-            widest[away > half_angle - abs(self.camera.camera.theta)] = np.inf
+            widest[np.abs(turn) > half_angle - abs(self.camera.camera.theta)] = np.inf
             for x, y in points:
                 d_x, d_y = x - a, y - b
                 seen = c * d_x + s * d_y, c * d_y - s * d_x
@@ -153,14 +152,18 @@ class ArrayGuard:
         duration = 0.5 * self.period * (ticks + 1.0)
         braked = arcs(twist, duration)
         if not self.lag:
-            return self.clearance(points, (braked,)) >= floor
+            return self.clearance(points, (braked,)) >= np.where(
+                floor < 0.0, floor - ROUNDING, floor
+            )
         blur = np.abs(body[0] * twist[1] - twist[0] * body[1]) * duration * self.lag
         coasted = arcs(body, self.lag)
         poses = coasted, braked, composed(coasted, braked)
         unavoidable = np.minimum(floor, self.clearance(points, (coasted,)))
         outside = floor < 0.0
         blur = np.where(outside, 0.0, blur)
-        return self.clearance(points, poses, blur) >= np.where(outside, unavoidable, floor)
+        return self.clearance(points, poses, blur) >= np.where(
+            outside, unavoidable - ROUNDING, floor
+        )
 
     def filter(
         self, wanted: Array, points: Array, body: Array, box: Array, last: Brakes

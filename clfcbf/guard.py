@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
@@ -36,7 +36,7 @@ _REST = Twist(0.0, 0.0)
 _new = tuple.__new__  # makes a named tuple in half the time of its own constructor
 
 ROUNDING = 1e-12
-"""[m/s, rad/s] What a brake may stick out of the input box by arithmetic alone."""
+"""[m/s, rad/s, and the barriers' units] By which two ways to compute one number may differ."""
 
 FALLBACKS = (0.75, 0.5, 0.25)
 """Shares of the way from the brake to the wanted command that are tried in between."""
@@ -154,7 +154,7 @@ class Guard:
             else:  # outside, what no command can change is no reason to refuse the way back
                 floor = min(floor, barrier.clearance(scene, _coasted(sweep)))
                 least = barrier.clearance_along(scene, sharp)
-            if not least >= floor:
+            if not least >= floor - ROUNDING:  # it is the clearance at one end of the sweep
                 return False
         return True
 
@@ -178,8 +178,8 @@ class Guard:
         brake : the brake certified at the last tick
         motion : how the robot moved since the scene was seen
         """
-        new = self.brake_from(wanted)
-        sweep = self.sweep(body, new, motion)
+        ticks = self.limits.brake_ticks(wanted, self.period)
+        sweep = Sweep.of(motion, body, self.lag, wanted, 0.5 * self.period * (ticks + 1))
         clearance = least = math.inf
         for barrier in self.barriers:
             here, bound = barrier.clearance_around(scene, sweep)
@@ -189,7 +189,7 @@ class Guard:
             return self._outside(wanted, scene, sweep, box, brake)
         if least >= 0.0 or self.admissible(scene, sweep):
             sure = self.limits.contains(wanted, ROUNDING)
-            kept = _new(Brake, (wanted, new[1], sure))
+            kept = _new(Brake, (wanted, ticks, sure))
             return _new(Guarded, (wanted, kept, Verdict.ADMITTED, sure, clearance))
         last = brake.next()
         coasted = _coasted(sweep)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from clfcbf.errors import ConfigurationError, LimitsError
@@ -47,15 +47,6 @@ def check_period(period: float) -> float:
     return period
 
 
-def _overlap(lo: float, hi: float, least: float, most: float) -> tuple[float, float]:
-    """[lo, hi] cut with [least, most]; the end nearest to it where they do not meet."""
-    if hi < least:
-        return hi, hi
-    if lo > most:
-        return lo, lo
-    return (lo if lo > least else least), (hi if hi < most else most)
-
-
 @dataclass(frozen=True, slots=True)
 class Limits:
     r"""What the chassis can do.
@@ -81,24 +72,23 @@ class Limits:
     a_max: float
     alpha_max: float
     v_min: float | None = None
+    _reverse_speed: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name == "v_min":
-                continue
+        for name in ("v_max", "omega_max", "a_max", "alpha_max"):
+            value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
-                raise LimitsError(f"{field.name} must be finite and positive, got {value!r}")
+                raise LimitsError(f"{name} must be finite and positive, got {value!r}")
         if self.v_min is None:
             object.__setattr__(self, "v_min", -self.v_max)
         elif not (math.isfinite(self.v_min) and self.v_min <= 0.0):
             raise LimitsError(f"v_min must be finite and at most 0, got {self.v_min!r}")
+        object.__setattr__(self, "_reverse_speed", self.v_min)
 
     @property
     def reverse_speed(self) -> float:
         """The most negative speed [m/s], a number also where ``v_min`` was left out."""
-        assert self.v_min is not None
-        return self.v_min
+        return self._reverse_speed
 
     def input_box(self, applied: Twist, period: float) -> InputBox:
         """The commands reachable in one tick from the command last applied.
@@ -109,14 +99,29 @@ class Limits:
         """
         v, omega = applied
         dv, dw = self.a_max * period, self.alpha_max * period
-        v_lo, v_hi = _overlap(v - dv, v + dv, self.reverse_speed, self.v_max)
-        w_lo, w_hi = _overlap(omega - dw, omega + dw, -self.omega_max, self.omega_max)
+        v_lo, v_hi, w_lo, w_hi = v - dv, v + dv, omega - dw, omega + dw
+        least, most, widest = self._reverse_speed, self.v_max, self.omega_max
+        # Each time the end nearest to the speed limits where the two boxes do not meet.
+        if v_hi < least:
+            v_lo = v_hi
+        elif v_lo > most:
+            v_hi = v_lo
+        else:
+            v_lo = least if v_lo < least else v_lo
+            v_hi = most if v_hi > most else v_hi
+        if w_hi < -widest:
+            w_lo = w_hi
+        elif w_lo > widest:
+            w_hi = w_lo
+        else:
+            w_lo = -widest if w_lo < -widest else w_lo
+            w_hi = widest if w_hi > widest else w_hi
         return tuple.__new__(InputBox, (v_lo, v_hi, w_lo, w_hi))
 
     def contains(self, twist: Twist, tolerance: float = 0.0) -> bool:
         """Whether ``twist`` is inside the speed limits, to ``tolerance``."""
         return (
-            self.reverse_speed - tolerance <= twist[0] <= self.v_max + tolerance
+            self._reverse_speed - tolerance <= twist[0] <= self.v_max + tolerance
             and abs(twist[1]) <= self.omega_max + tolerance
         )
 

@@ -30,7 +30,7 @@ from clfcbf.limits import InputBox, Limits, check_period
 from clfcbf.qp import check_weight, get_backend, solve_ladder
 from clfcbf.qp.exact import LexicographicSolution
 from clfcbf.scene import Scene
-from clfcbf.se2 import Pose2, Twist, is_finite
+from clfcbf.se2 import Pose2, Twist
 
 __all__ = [
     "Begun",
@@ -144,29 +144,32 @@ def begin(config: FilterConfig, state: FilterState, applied: Twist, now: float) 
     A command that is not finite is replaced by the one last sent. A clock that stands still
     keeps the reckoning; one that jumps back restarts it where the robot is.
     """
+    limits, period = config.limits, config.period
+    reckoning, brake, sent = state
     fault: Status | None = None
     if not _is_twist(applied):
-        applied, fault = state.sent, Status.INVALID_INPUT
+        applied, fault = sent, Status.INVALID_INPUT
     if type(applied) is not Twist:
         applied = Twist(*applied)
     followed = applied
-    if not config.limits.contains(applied, _ABSURD):
-        followed, fault = state.sent, Status.INVALID_INPUT
-    reckoning, brake = state.reckoning, state.brake
+    if not limits.contains(applied, _ABSURD):
+        followed, fault = sent, Status.INVALID_INPUT
     ticking = isinstance(now, (int, float)) and math.isfinite(now)
-    late = reckoning is not None and not (ticking and now - reckoning.time < _LATE * config.period)
+    late = False
     if reckoning is None:
         reckoning = DeadReckoning(now if ticking else 0.0, _ORIGIN, followed)
         fault = fault if ticking else Status.CLOCK_ERROR
-    elif not (ticking and now > reckoning.time):
+    elif ticking and now > reckoning.time:
+        late = not now - reckoning.time < _LATE * period
+        reckoning = advance(reckoning, followed, now, config.lag, config.patience)
+    else:
+        late = not (ticking and now - reckoning.time < _LATE * period)
         fault = Status.CLOCK_ERROR
         if ticking and now < reckoning.time:
             reckoning = DeadReckoning(now, reckoning.pose, reckoning.body)
-    else:
-        reckoning = advance(reckoning, followed, now, config.lag, config.patience)
     if late or fault is Status.CLOCK_ERROR:
         brake = Brake(brake.twist, brake.ticks, brake.ticks == 0)
-    box = config.limits.input_box(applied, config.period)
+    box = limits.input_box(applied, period)
     return _new(Begun, (applied, box, reckoning, brake, fault, late))
 
 
@@ -220,17 +223,16 @@ def finish(
     ahead : where its body coasts to, seen from there too; the commands act from there on
     wishes : rows below the barriers, such as a Lyapunov row, taken where the body coasts to
     """
-    rows = tuple([barrier.rows(scene, ahead) for barrier in config.barriers])
-    blocks = (*rows, *wishes)
+    applied, box, reckoning, last, _, late = begun
+    blocks = (*[barrier.rows(scene, ahead) for barrier in config.barriers], *wishes)
     priorities, levels = _levels(blocks)
-    answer = solve_ladder(config.weight, nominal, begun.box, levels, config.backend)
-    if answer is None or not _verified(answer, begun.box, levels):
+    answer = solve_ladder(config.weight, nominal, box, levels, config.backend)
+    if answer is None or not _verified(answer, box, levels):
         braked, after = stop(begun, Status.SOLVER_FAILED, config)
         asked = braked._replace(nominal=nominal, rows=blocks, weight=config.weight, answer=answer)
         return asked, after
-    box, reckoning = begun.box, begun.reckoning
-    wanted = box.clip(Twist(answer.v, answer.omega))
-    outcome = config.guard.filter(wanted, scene, reckoning.body, box, begun.brake, motion)
+    wanted = box.clip(_new(Twist, answer[:2]))
+    outcome = config.guard.filter(wanted, scene, reckoning.body, box, last, motion)
     slack = barrier_slack = 0.0
     if answer.relaxed:
         for priority, amount in zip(priorities, answer.slacks, strict=True):
@@ -239,15 +241,15 @@ def finish(
             else:
                 barrier_slack = max(barrier_slack, amount)
     twist, brake, verdict, certified, clearance = outcome
-    if begun.late and certified:
+    if late and certified:
         certified, brake = False, Brake(twist, brake.ticks, brake.ticks == 0)
     status = _status(outcome, slack, barrier_slack)
     if status is Status.OPTIMAL and answer.violated:
         status = Status.BARRIER_RELAXED
-    decision = Decision(
+    decision = _new(Decision, (
         twist, status, certified, nominal, clearance, slack, barrier_slack, blocks, box,
-        False, None, "", config.weight, answer, verdict, config.limits,
-    )  # fmt: skip
+        False, None, "", config.weight, answer, verdict, config.limits, 0.0,
+    ))  # fmt: skip
     return decision, _new(FilterState, (reckoning, brake, twist))
 
 
@@ -265,16 +267,21 @@ def _levels(blocks: tuple[Rows, ...]) -> tuple[list[int], list[Sequence[Row]]]:
 
 def _verified(answer: LexicographicSolution, box: InputBox, levels: list[Sequence[Row]]) -> bool:
     """Whether an answer is in the box and keeps each row up to its level's slack."""
-    v, omega = answer.v, answer.omega
-    if not box.contains(Twist(v, omega), TOLERANCE):
+    v, omega, slacks = answer[:3]
+    v_lo, v_hi, w_lo, w_hi = box
+    if not (
+        v_lo - TOLERANCE <= v <= v_hi + TOLERANCE
+        and w_lo - TOLERANCE <= omega <= w_hi + TOLERANCE
+        and len(slacks) == len(levels)
+    ):
         return False
-    for level, slack in zip(levels, answer.slacks, strict=True):
+    for level, slack in zip(levels, slacks):  # noqa: B905  # the lengths are those just compared
         for a, c, b in level:
             excess = a * v + c * omega - b
-            if excess <= 0.0 or not (a or c):  # a zero row is met by no command, or by all
-                continue
-            if not excess <= slack * math.hypot(a, c) + TOLERANCE * (1.0 + abs(b)):
-                return False
+            # A zero row is met by no command, or by all; a NaN is no answer.
+            if not excess <= 0.0 and (a or c):  # noqa: SIM102
+                if not excess <= slack * math.hypot(a, c) + TOLERANCE * (1.0 + abs(b)):
+                    return False
     return True
 
 
@@ -292,11 +299,13 @@ def _status(outcome: Guarded, slack: float, barrier_slack: float) -> Status:
 
 def motion_to_now(config: FilterConfig, begun: Begun, scene: Scene) -> Pose2 | Status:
     """How the robot moved since the scene's stamp, or the fault that makes it unusable."""
-    if not is_finite((*scene[0], *scene[1], scene[2])):
+    goal, feature, stamp = scene
+    total = sum(goal) + sum(feature) + stamp
+    if total - total != 0.0:  # NaN and infinity alike
         return Status.INVALID_INPUT
-    age = begun.reckoning.time - scene.stamp
+    age = begun.reckoning.time - stamp
     if age < -config.period:
         return Status.CLOCK_ERROR
     if age > config.patience:
         return Status.STALE
-    return motion_since(begun.reckoning, scene.stamp) if age > 0.0 else _ORIGIN
+    return motion_since(begun.reckoning, stamp) if age > 0.0 else _ORIGIN

@@ -19,6 +19,7 @@ from clfcbf import (
     TrackingController,
     Twist,
 )
+from clfcbf.constraints.cbf import FieldOfViewBarrier
 from clfcbf.controller import DockingController
 from clfcbf.errors import BackendError, ConfigurationError
 from clfcbf.estimation import body_after
@@ -372,7 +373,8 @@ def test_outside_the_view_or_the_speed_limits_nothing_is_certified():
 def test_an_old_scene_is_predicted_over_all_of_the_patience():
     """At 100 Hz and 1.5 s of age the prediction still equals the exact motion."""
     period = 0.01
-    safe = SafetyFilter(LIMITS, [CAMERA], period, guard_lag=0.0)
+    barrier = FieldOfViewBarrier(CAMERA, 1.0, math.radians(3.0))
+    safe = SafetyFilter(LIMITS, [barrier], period, guard_lag=0.0)
     scene, applied = scene_at(2.5, 0.0), REST
     first = scene._replace(stamp=0.0)
     for k in range(150):

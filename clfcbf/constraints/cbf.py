@@ -33,7 +33,8 @@ __all__ = [
 
 _AT_REST: Point = (0.0, 0.0)
 _RIGHT_ANGLE = 0.5 * math.pi
-_TURN = 2.0 * math.pi
+_SIXTH = math.pi / 3.0  # the arc of a chord of half the radius, over the chord
+_NO_DISTANCE = 5e-324  # [m] in place of none
 
 
 class Edge(NamedTuple):
@@ -244,72 +245,80 @@ class FieldOfViewBarrier:
         ------
         GeometryError : as ``rows``, or the motion is not finite
         """
-        return self.clearance_over(scene, (motion,))
+        eye_x, eye_y, cos, sin, _ = self._eye
+        widest = 0.0
+        for point in self._points(scene[1]):
+            x, y = motion.seen(point)
+            x, y = x - eye_x, y - eye_y
+            bearing = abs(math.atan2(cos * y - sin * x, cos * x + sin * y))
+            if bearing != bearing:
+                raise GeometryError(f"motion must be finite, got {motion!r}")
+            widest = max(widest, bearing)
+        return self._half_angle - widest if widest < _RIGHT_ANGLE else -math.inf
 
     def clearance_along(self, scene: Scene, sweep: Sweep) -> float:
-        """The smallest clearance at the corners of the sweep, which stand for all of it."""
-        return self.clearance_over(scene, sweep.corners(), sweep.blur)
+        """The smallest clearance at the corners of the sweep, which stand for all of it.
 
-    def clearance_over(self, scene: Scene, motions: tuple[Pose2, ...], blur: float = 0.0) -> float:
-        """The smallest clearance over poses of the robot, their positions known to ``blur`` [m].
-
-        A ``blur`` moves both edges inward by as much. Several poses stand for all the arcs
-        between them, which is true while the robot's forward direction stays in the view
-        turned by each and the feature ahead of the rotation centre: minus infinity otherwise.
+        That is true while the robot's forward direction stays in the view turned by each corner,
+        and the feature ahead of the rotation centre and of the camera: minus infinity otherwise.
+        The sweep's ``blur`` moves both edges inward by as much.
         """
         eye_x, eye_y, cos, sin, reach = self._eye
-        shift = blur * reach
-        points = self._points(scene[1])
-        widest = 0.0
-        several = len(motions) > 1
-        first = motions[0][2]
-        for x, y, turn in motions:
-            c, s = math.cos(turn), math.sin(turn)
-            if several and abs(math.remainder(turn - first, _TURN)) > self._most_turn:
+        motion, (v_body, w_body), lag, (v, w), duration, _, _, blur = sweep
+        shift, most = blur * reach, self._most_turn
+        coasting, braking = w_body * lag, w * duration
+        if abs(coasting) > most or abs(braking) > most or abs(coasting + braking) > most:
+            return -math.inf
+        to_x, to_y, c, s = _arc(v_body * lag, 0.5 * coasting)
+        points: list[Point] = []
+        for point in self._points(scene[1]):
+            x, y = motion.seen(point)
+            points.append((x, y))
+            x, y = x - to_x, y - to_y
+            points.append((c * x + s * y, c * y - s * x))
+        to_x, to_y, c, s = _arc(v * duration, 0.5 * braking)
+        steepest = 0.0
+        for x, y in points:
+            further, beside = x - to_x, y - to_y
+            ahead = c * further + s * beside
+            if not (x > 0.0 and ahead > 0.0):
                 return -math.inf
-            for px, py in points:
-                dx, dy = px - x, py - y
-                seen_x, seen_y = c * dx + s * dy, c * dy - s * dx
-                if several and not seen_x > 0.0:
+            for near, left in ((x, y), (ahead, c * beside - s * further)):
+                near, left = near - eye_x, left - eye_y
+                depth = cos * near + sin * left - shift
+                if not depth > 0.0:
                     return -math.inf
-                seen_x -= eye_x
-                seen_y -= eye_y
-                bearing = abs(
-                    math.atan2(cos * seen_y - sin * seen_x, cos * seen_x + sin * seen_y - shift)
-                )
-                if bearing > widest:
-                    widest = bearing
-                elif bearing != bearing:
-                    raise GeometryError(f"motion must be finite, got {motions!r}")
-        return self._room(widest)
+                slope = abs(cos * left - sin * near) / depth
+                if slope > steepest:
+                    steepest = slope
+        return self._half_angle - math.atan(steepest)
 
     def clearance_around(self, scene: Scene, sweep: Sweep) -> tuple[float, float]:
         r"""Clearance at the sweep's start, and a lower bound of it over all that is near.
 
         From a camera moved by at most :math:`d` a feature at the distance :math:`\rho` moves by
-        at most :math:`\arcsin(d/\rho)` in bearing, beside what the camera turns.
+        at most :math:`\arcsin(d/\rho)` in bearing, beside what the camera turns. Up to half the
+        distance that is no more than :math:`\tfrac{\pi}{3} d/\rho`.
         """
         eye_x, eye_y, cos, sin, reach = self._eye
-        x, y, heading = sweep[0]
-        turn = sweep[5]
-        moved = sweep[6] + self._lever * turn + sweep[7] * reach
+        (x, y, heading), _, _, _, _, turn, travel, blur = sweep
+        moved = travel + self._lever * turn + blur * reach
         c, s = math.cos(heading), math.sin(heading)
         widest = farthest = 0.0
         for px, py in self._points(scene[1]):
             dx, dy = px - x, py - y
             seen_x, seen_y = c * dx + s * dy - eye_x, c * dy - s * dx - eye_y
             bearing = abs(math.atan2(cos * seen_y - sin * seen_x, cos * seen_x + sin * seen_y))
-            distance = math.sqrt(seen_x * seen_x + seen_y * seen_y)
-            if not moved < distance:  # motions that are not finite included
-                farthest = math.inf
-            else:
-                farthest = max(farthest, bearing + turn + math.asin(moved / distance))
-            widest = max(widest, bearing)
-        return self._room(widest), self._room(farthest)
-
-    def _room(self, bearing: float) -> float:
-        """Clearance at a bearing off the camera's axis [rad]."""
-        return self._half_angle - bearing if bearing < _RIGHT_ANGLE else -math.inf
+            share = moved / (math.sqrt(seen_x * seen_x + seen_y * seen_y) or _NO_DISTANCE)
+            # Motions that are not finite are no share up to a half either.
+            reached = bearing + turn + _SIXTH * share if share <= 0.5 else math.inf
+            widest = bearing if bearing > widest else widest
+            farthest = reached if reached > farthest else farthest
+        half_angle = self._half_angle
+        return (
+            half_angle - widest if widest < _RIGHT_ANGLE else -math.inf,
+            half_angle - farthest if farthest < _RIGHT_ANGLE else -math.inf,
+        )
 
     def _points(self, feature: Pose2) -> tuple[Point, ...]:
         """The points to be kept: the feature's centre, or its left and right end."""
@@ -326,3 +335,10 @@ class FieldOfViewBarrier:
             )
         dx, dy = -0.5 * width * math.sin(feature[2]), 0.5 * width * math.cos(feature[2])
         return (x + dx, y + dy), (x - dx, y - dy)
+
+
+def _arc(length: float, half: float) -> tuple[float, float, float, float]:
+    """An arc of a length, turning by twice ``half``: its end x, y, cosine and sine of the turn."""
+    c, s = math.cos(half), math.sin(half)
+    chord = length * s / half if half else length
+    return chord * c, chord * s, c * c - s * s, 2.0 * c * s

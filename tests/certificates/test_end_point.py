@@ -15,6 +15,7 @@ import sympy
 import z3
 
 from clfcbf.camera import FieldOfView
+from clfcbf.constraints.barrier import HERE, Sweep
 from clfcbf.constraints.cbf import FieldOfViewBarrier, camera_edges
 from clfcbf.scene import Scene
 from clfcbf.se2 import Pose2, Twist, arc
@@ -182,12 +183,16 @@ def test_a_camera_that_does_not_see_ahead_is_beyond_the_claim():
     assert smallest(barrier, ends) > 0.0
     assert smallest(barrier, motions) < -math.radians(0.4)
     # Poses that stand for the arc between them are therefore refused for such a camera.
-    assert barrier.clearance_over(scene, ends) == -math.inf
+    sweep = Sweep.of(HERE, Twist(0.0, 0.0), 0.0, twist, duration)
+    assert barrier.clearance_along(scene, sweep) == -math.inf
     assert lowest_on_arc(camera_edges(narrow)[1], (x, y), twist, duration) < -1e-3
-    # Looking ahead, no half angle misses it.
-    for half_angle in (0.2, 0.4, 0.6, 1.2):
+    # Looking ahead, no half angle misses it; one that the arc turns out of is refused.
+    refused = FieldOfViewBarrier(camera(0.9 * twist.omega * duration, 0), 1.0)
+    assert refused.clearance_along(scene, sweep) == -math.inf
+    for half_angle in (0.4, 0.6, 1.2):
         barrier = FieldOfViewBarrier(camera(half_angle, 0), 1.0)
-        assert barrier.clearance_over(scene, ends) == barrier.clearance_over(scene, motions)
+        along = barrier.clearance_along(scene, sweep)
+        assert along == pytest.approx(smallest(barrier, motions), abs=1e-12)
 
 
 def lowest_on_arc(edge, point, twist, duration):

@@ -15,7 +15,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from clfcbf.camera import FieldOfView
-from clfcbf.constraints.barrier import HERE
+from clfcbf.constraints.barrier import Sweep
 from clfcbf.constraints.cbf import FieldOfViewBarrier, camera_edges
 from clfcbf.estimation import body_after
 from clfcbf.guard import Brake, Guard
@@ -139,12 +139,17 @@ def test_the_barrier_with_a_blur_is_that_lemma(half_angle, yaw, offset, x, y, ra
     camera = FieldOfView(half_angle, Pose2(offset, 0.1, yaw))
     barrier = FieldOfViewBarrier(camera, 1.0)
     point = Pose2(x, y, 0.0)
-    clearance = barrier.clearance_over(Scene(point, point, 0.0), (HERE,), radius)
+    clearance = barrier.clearance_along(Scene(point, point, 0.0), Sweep(blur=radius))
+    assume(x > 0.0 and abs(yaw) < half_angle)  # what a sweep can be judged for
     distances = [
         edge.normal_x * x + edge.normal_y * y - edge.offset for edge in camera_edges(camera)
     ]
     assume(abs(min(distances) - radius) > 1e-9)
     assert (clearance >= 0.0) == (min(distances) >= radius)
+
+
+def lowest_at(barrier, scene, motions):
+    return min(barrier.clearance(scene, motion) for motion in motions)
 
 
 def corners_hold(guard, scene, body, brake, blurred):
@@ -154,7 +159,7 @@ def corners_hold(guard, scene, body, brake, blurred):
     coasted = arc(body, guard.lag)
     braked = arc(brake.twist, 0.5 * PERIOD * (brake.ticks + 1))
     motions = (Pose2(0.0, 0.0, 0.0), coasted, braked, coasted.compose(braked))
-    return guard.barriers[0].clearance_over(scene, motions) >= 0.0
+    return lowest_at(guard.barriers[0], scene, motions) >= 0.0
 
 
 def hardest_cases(blurred, count, seed):
@@ -190,7 +195,7 @@ def hardest_cases(blurred, count, seed):
             [(1, E / 8)] * 8 + [(0, S / 8)] * 8,
             *(staircase(rng, S, E, 5) for _ in range(3)),
         ):
-            lowest = min(lowest, barrier.clearance_over(edge, tuple(along(path, u, b))))
+            lowest = min(lowest, lowest_at(barrier, edge, along(path, u, b)))
         tried += 1
     return lowest
 

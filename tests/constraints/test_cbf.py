@@ -11,9 +11,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from clfcbf.camera import FieldOfView
-from clfcbf.constraints.barrier import Barrier
+from clfcbf.constraints.barrier import HERE, Barrier, Sweep
 from clfcbf.constraints.bearing import bearing_rows, paper_row
-from clfcbf.constraints.barrier import Sweep
 from clfcbf.constraints.cbf import (
     Edge,
     FieldOfViewBarrier,
@@ -483,4 +482,42 @@ def test_clearance_around_bounds_every_motion_near(
         near = motion.compose(
             Pose2(way * math.cos(direction), way * math.sin(direction), turn * data.draw(shares))
         )
-        assert barrier.clearance_over(scene, (near,), blur * abs(data.draw(shares))) >= least - 1e-9
+        blurred = FieldOfViewBarrier(seeing, GAIN, 0.02, setback=blur * abs(data.draw(shares)))
+        assert blurred.clearance(scene, near) >= least - 1e-9
+
+
+@given(
+    camera=cameras,
+    point=points,
+    motion=st.builds(Pose2, st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-1, 1)),
+    body=twists,
+    twist=twists,
+    lag=st.floats(0.0, 0.3),
+    duration=st.floats(0.0, 0.6),
+    width=st.sampled_from([0.0, 0.4]),
+)
+def test_clearance_along_is_the_smallest_at_the_corners(
+    camera, point, motion, body, twist, lag, duration, width
+) -> None:
+    """Unless it refuses, which it does where the corners need not stand for all of the sweep."""
+    barrier = FieldOfViewBarrier(FieldOfView(camera.half_angle, camera.camera, width), GAIN, 0.02)
+    scene = scene_of(Pose2(*point, 0.3))
+    sharp = Sweep.of(motion, body, lag, twist, duration)._replace(blur=0.0)
+    along = barrier.clearance_along(scene, sharp)
+    corners = [barrier.clearance(scene, corner) for corner in sharp.corners()]
+    assert along == -math.inf or along == pytest.approx(min(corners), abs=1e-12)
+    blurred = barrier.clearance_along(scene, sharp._replace(blur=0.03))
+    inward = FieldOfViewBarrier(barrier.camera, GAIN, 0.02, setback=0.03)
+    assert blurred == pytest.approx(inward.clearance_along(scene, sharp), abs=1e-12)
+
+
+def test_clearance_along_refuses_what_its_corners_do_not_tell() -> None:
+    """Turning out of the view and back, or passing the feature, has good corners all the same."""
+    barrier = FieldOfViewBarrier(FieldOfView(math.radians(35)), GAIN)
+    scene = scene_of(Pose2(1.0, 0.0, 0.0))
+    rest = Twist(0.0, 0.0)
+    full_turn = Sweep.of(HERE, rest, 0.0, Twist(0.0, 1.0), 2.0 * math.pi)
+    assert min(barrier.clearance(scene, corner) for corner in full_turn.corners()) > 0.6
+    assert barrier.clearance_along(scene, full_turn) == -math.inf
+    passing = Sweep.of(HERE, rest, 0.0, Twist(1.0, 0.0), 1.0 + 1e-9)
+    assert barrier.clearance_along(scene, passing) == -math.inf
