@@ -93,8 +93,8 @@ def filter_batch(
     r"""The safe commands closest to the nominal ones, one tick of many robots.
 
     Equal to :class:`clfcbf.safety_filter.SafetyFilter` with the barrier
-    ``FieldOfViewBarrier(camera, gain, margin, setback=setback)``, ``lag=0`` and scenes as fresh as the tick,
-    robot by robot, to 1e-12.
+    ``FieldOfViewBarrier(camera, gain, margin, setback=setback)``, ``lag=0`` and scenes as fresh
+    as the tick, robot by robot, to 1e-12.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def filter_batch(
     barrier = FieldOfViewBarrier(camera, gain, margin, setback=setback)  # checks all of them
     if not 0.0 <= guard_lag < 10.0:
         raise ConfigurationError(f"guard_lag must be in [0, 10) s, got {guard_lag!r}")
-    guard = ArrayGuard(limits, check_period(period), camera, margin, setback, guard_lag)
+    guard = ArrayGuard(limits, check_period(period), barrier.kept, camera, guard_lag)
     wants = _shaped("nominal", nominal, None, (2,))
     count = len(wants)
     seen = _shaped("features", features, count, (3,) if camera.width > 0.0 else (2, 3))

@@ -94,16 +94,15 @@ class ArrayGuard:
     Attributes
     ----------
     limits, period : as of the chassis
-    camera, margin, setback : the view, its edges turned in by the margin [rad] and moved in by
-        the setback [m]
+    camera : the view that is kept
+    bare : the view itself, which that leaves a reserve of
     lag : longest first-order lag of the body that is covered [s]
     """
 
     limits: Limits
     period: float
     camera: FieldOfView
-    margin: float
-    setback: float
+    bare: FieldOfView
     lag: float
 
     def brakes_from(self, twist: Array) -> Brakes:
@@ -124,8 +123,8 @@ class ArrayGuard:
         As :meth:`clfcbf.constraints.cbf.FieldOfViewBarrier.clearance`; minus infinity behind the
         camera.
         """
-        half_angle = self.camera.half_angle - self.margin
-        shift = (self.setback + blur) * (1.0 / math.sin(half_angle))
+        half_angle = self.camera.half_angle
+        shift = blur * (1.0 / math.sin(half_angle))
         widest = np.zeros(points.shape[-1])
         for x, y in points:
             np.maximum(widest, self._bearing(x, y, shift), out=widest)
@@ -237,7 +236,7 @@ class ArrayGuard:
     def _inward(self, wanted: Array, safe: Array, points: Array) -> Array:
         """Commands without what drives out more than the brake does, as the guard has it."""
         v, omega = wanted.copy()
-        for n_x, n_y, offset in camera_edges(self.camera, self.margin, self.setback):
+        for n_x, n_y, offset in camera_edges(self.camera):
             for x, y in points:
                 violated = n_x * x + n_y * y - offset < 0.0
                 lever = n_y * x - n_x * y
@@ -248,7 +247,7 @@ class ArrayGuard:
     def _certifies(self, points: Array, body: Array, twist: Array, floor: Array) -> Mask:
         """Whether admitted commands have brakes that keep the view but for its reserve."""
         limits = self.limits
-        bare = replace(self, margin=0.0, setback=0.0)
+        bare = replace(self, camera=self.bare)
         motions = np.zeros((3, len(floor))), arcs(body, self.lag)
         kept = np.minimum(*[bare.clearance(moved(points, motion)) for motion in motions])
         least, most = limits.reverse_speed - ROUNDING, limits.v_max + ROUNDING

@@ -45,6 +45,31 @@ class FieldOfView:
         if not (math.isfinite(self.width) and self.width >= 0.0):
             raise ConfigurationError(f"width must be finite and at least 0 m, got {self.width!r}")
 
+    def eroded(self, margin: float, setback: float = 0.0) -> FieldOfView:
+        r"""The points that stay in view when they are turned and displaced, again a view.
+
+        A point turned about the camera by up to ``margin`` :math:`m` and then displaced by up to
+        ``setback`` :math:`\delta` stays between the edges exactly if it lies between edges
+        turned inward by the one and moved inward by the other: those of a camera that sits
+        :math:`\delta / \sin(\Phi - m)` ahead and sees :math:`\Phi - m` to either side.
+
+        Raises
+        ------
+        ConfigurationError : the margin is not in [0, half_angle), or the setback negative
+        """
+        if not 0.0 <= margin < self.half_angle:
+            raise ConfigurationError(
+                f"margin must be in [0, half_angle) = [0, {self.half_angle:.6g}) rad, "
+                f"got {margin!r}"
+            )
+        if not 0.0 <= setback < math.inf:
+            raise ConfigurationError(f"setback must be finite and at least 0 m, got {setback!r}")
+        half_angle = self.half_angle - margin
+        x, y, yaw = self.camera
+        ahead = setback / math.sin(half_angle)
+        eye = Pose2(x + ahead * math.cos(yaw), y + ahead * math.sin(yaw), yaw)
+        return FieldOfView(half_angle, eye, self.width)
+
     def bearing(self, point: Point) -> float:
         """Angle of ``point`` (robot frame) off the camera's axis, in (-pi, pi] [rad].
 

@@ -67,6 +67,9 @@ class Verdict(Enum):
     BRAKED = "braked"
 
 
+_ADMITTED = Verdict.ADMITTED
+
+
 class Guarded(NamedTuple):
     """What the guard lets through.
 
@@ -178,8 +181,9 @@ class Guard:
         brake : the brake certified at the last tick
         motion : how the robot moved since the scene was seen
         """
-        ticks = self.limits.brake_ticks(wanted, self.period)
-        sweep = Sweep.of(motion, body, self.lag, wanted, 0.5 * self.period * (ticks + 1))
+        period = self.period
+        ticks = self.limits.brake_ticks(wanted, period)
+        sweep = Sweep.of(motion, body, self.lag, wanted, 0.5 * period * (ticks + 1))
         clearance = least = math.inf
         for barrier in self.barriers:
             here, bound = barrier.clearance_around(scene, sweep)
@@ -190,7 +194,7 @@ class Guard:
         if least >= 0.0 or self.admissible(scene, sweep):
             sure = self.limits.contains(wanted, ROUNDING)
             kept = _new(Brake, (wanted, ticks, sure))
-            return _new(Guarded, (wanted, kept, Verdict.ADMITTED, sure, clearance))
+            return _new(Guarded, (wanted, kept, _ADMITTED, sure, clearance))
         last = brake.next()
         coasted = _coasted(sweep)
         if self.clearance(scene, coasted) >= 0.0:  # else nothing that is sent can help

@@ -132,7 +132,8 @@ class Limits:
         """
         slower = abs(twist[0]) / (self.a_max * period)
         straighter = abs(twist[1]) / (self.alpha_max * period)
-        return math.ceil(min(max(slower, straighter), _MOST_TICKS))
+        ticks = slower if slower > straighter else straighter
+        return math.ceil(ticks if ticks < _MOST_TICKS else _MOST_TICKS)
 
     def brake_horizon(self, period: float) -> float:
         r"""Largest look-ahead of the guard, :math:`\bar T = T(\bar N + 1)/2` [s]."""

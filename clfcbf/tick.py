@@ -47,6 +47,8 @@ _new = tuple.__new__  # makes a named tuple in half the time of its own construc
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
 _REST = Twist(0.0, 0.0)
 
+_ADMITTED, _OPTIMAL, _CLOCK_ERROR = Verdict.ADMITTED, Status.OPTIMAL, Status.CLOCK_ERROR
+
 _LATE = 1.5
 """Periods after which the last command counts as held for too long."""
 
@@ -147,14 +149,20 @@ def begin(config: FilterConfig, state: FilterState, applied: Twist, now: float) 
     limits, period = config.limits, config.period
     reckoning, brake, sent = state
     fault: Status | None = None
-    if not _is_twist(applied):
+    try:
+        v, omega = applied
+        total = abs(v) + abs(omega)
+        known = total < math.inf
+    except (TypeError, ValueError):  # whatever a chassis reports, a command must go out
+        known, total = False, math.inf
+    if not known:
         applied, fault = sent, Status.INVALID_INPUT
     if type(applied) is not Twist:
         applied = Twist(*applied)
     followed = applied
-    if not limits.contains(applied, _ABSURD):
+    if total > _ABSURD and not limits.contains(applied, _ABSURD):
         followed, fault = sent, Status.INVALID_INPUT
-    ticking = isinstance(now, (int, float)) and math.isfinite(now)
+    ticking = isinstance(now, (int, float)) and now - now == 0.0
     late = False
     if reckoning is None:
         reckoning = DeadReckoning(now if ticking else 0.0, _ORIGIN, followed)
@@ -167,20 +175,10 @@ def begin(config: FilterConfig, state: FilterState, applied: Twist, now: float) 
         fault = Status.CLOCK_ERROR
         if ticking and now < reckoning.time:
             reckoning = DeadReckoning(now, reckoning.pose, reckoning.body)
-    if late or fault is Status.CLOCK_ERROR:
+    if late or fault is _CLOCK_ERROR:
         brake = Brake(brake.twist, brake.ticks, brake.ticks == 0)
     box = limits.input_box(applied, period)
     return _new(Begun, (applied, box, reckoning, brake, fault, late))
-
-
-def _is_twist(applied: Twist) -> bool:
-    """Whether a command in force is two finite numbers."""
-    try:
-        v, omega = applied
-        total = v + omega
-        return bool(total - total == 0.0)
-    except (TypeError, ValueError):
-        return False
 
 
 def stop(begun: Begun, status: Status, config: FilterConfig) -> tuple[Decision, FilterState]:
@@ -223,19 +221,24 @@ def finish(
     ahead : where its body coasts to, seen from there too; the commands act from there on
     wishes : rows below the barriers, such as a Lyapunov row, taken where the body coasts to
     """
-    applied, box, reckoning, last, _, late = begun
+    _, box, reckoning, last, _, late = begun
     blocks = (*[barrier.rows(scene, ahead) for barrier in config.barriers], *wishes)
-    priorities, levels = _levels(blocks)
+    if len(blocks) == 2 and blocks[0][2] < blocks[1][2]:  # as nearly always
+        (_, first, _, _), (_, second, _, _) = blocks
+        levels: list[Sequence[Row]] = [first, second]
+    else:
+        levels = list(_levels(blocks).values())
     answer = solve_ladder(config.weight, nominal, box, levels, config.backend)
     if answer is None or not _verified(answer, box, levels):
         braked, after = stop(begun, Status.SOLVER_FAILED, config)
         asked = braked._replace(nominal=nominal, rows=blocks, weight=config.weight, answer=answer)
         return asked, after
-    wanted = box.clip(_new(Twist, answer[:2]))
+    wanted = _new(Twist, answer[:2])
     outcome = config.guard.filter(wanted, scene, reckoning.body, box, last, motion)
     slack = barrier_slack = 0.0
-    if answer.relaxed:
-        for priority, amount in zip(priorities, answer.slacks, strict=True):
+    relaxed = answer.relaxed
+    if relaxed:
+        for priority, amount in zip(_levels(blocks), answer.slacks, strict=True):
             if priority >= Priority.STABILITY:
                 slack = max(slack, amount)
             else:
@@ -243,9 +246,11 @@ def finish(
     twist, brake, verdict, certified, clearance = outcome
     if late and certified:
         certified, brake = False, Brake(twist, brake.ticks, brake.ticks == 0)
-    status = _status(outcome, slack, barrier_slack)
-    if status is Status.OPTIMAL and answer.violated:
-        status = Status.BARRIER_RELAXED
+    status = _OPTIMAL
+    if verdict is not _ADMITTED or clearance < 0.0 or relaxed:
+        status = _status(outcome, slack, barrier_slack)
+        if status is _OPTIMAL and answer.violated:
+            status = Status.BARRIER_RELAXED
     decision = _new(Decision, (
         twist, status, certified, nominal, clearance, slack, barrier_slack, blocks, box,
         False, None, "", config.weight, answer, verdict, config.limits, 0.0,
@@ -253,27 +258,19 @@ def finish(
     return decision, _new(FilterState, (reckoning, brake, twist))
 
 
-def _levels(blocks: tuple[Rows, ...]) -> tuple[list[int], list[Sequence[Row]]]:
+def _levels(blocks: tuple[Rows, ...]) -> dict[int, Sequence[Row]]:
     """The rows by priority, most important level first."""
-    if len(blocks) == 2 and blocks[0].priority < blocks[1].priority:  # as nearly always
-        first, second = blocks
-        return [first.priority, second.priority], [first.coefficients, second.coefficients]
     by_priority: dict[int, list[Row]] = {}
     for block in blocks:
         by_priority.setdefault(block.priority, []).extend(block.coefficients)
-    priorities = sorted(by_priority)
-    return priorities, [by_priority[priority] for priority in priorities]
+    return {priority: by_priority[priority] for priority in sorted(by_priority)}
 
 
 def _verified(answer: LexicographicSolution, box: InputBox, levels: list[Sequence[Row]]) -> bool:
     """Whether an answer is in the box and keeps each row up to its level's slack."""
     v, omega, slacks = answer[:3]
     v_lo, v_hi, w_lo, w_hi = box
-    if not (
-        v_lo - TOLERANCE <= v <= v_hi + TOLERANCE
-        and w_lo - TOLERANCE <= omega <= w_hi + TOLERANCE
-        and len(slacks) == len(levels)
-    ):
+    if not (v_lo <= v <= v_hi and w_lo <= omega <= w_hi and len(slacks) == len(levels)):
         return False
     for level, slack in zip(levels, slacks):  # noqa: B905  # the lengths are those just compared
         for a, c, b in level:

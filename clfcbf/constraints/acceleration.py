@@ -91,7 +91,7 @@ def high_order_edge_rows(
     check_positive("gains[0]", first)
     check_positive("gains[1]", second)
     check_finite("point and twist", point, twist)
-    edges = camera_edges(camera, margin)
+    edges = camera_edges(camera.eroded(margin))
     coefficients, values = zip(
         *(_second_order_row(edge, point, twist, gains) for edge in edges), strict=True
     )

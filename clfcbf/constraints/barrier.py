@@ -45,8 +45,7 @@ class Sweep(NamedTuple):
     @classmethod
     def of(cls, motion: Pose2, body: Twist, lag: float, twist: Twist, duration: float) -> Sweep:
         """The sweep of a brake; turn, travel and blur follow from the rest."""
-        v, omega = twist
-        v_body, omega_body = body
+        (v, omega), (v_body, omega_body) = twist, body
         turn = abs(omega) * duration + abs(omega_body) * lag
         travel = abs(v) * duration + abs(v_body) * lag
         blur = abs(v_body * omega - v * omega_body) * duration * lag

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from clfcbf.camera import FieldOfView
-from clfcbf.constraints.checks import check_finite, check_positive, shrunk_half_angle
+from clfcbf.constraints.checks import check_finite, check_positive
 from clfcbf.constraints.rows import Priority, Rows
 from clfcbf.errors import ConfigurationError, GeometryError
 from clfcbf.se2 import Point
@@ -47,7 +47,7 @@ def bearing_rows(
     """
     check_positive("gain", gain)
     check_finite("point and its velocity", point, point_velocity)
-    half_angle = shrunk_half_angle(camera, margin)
+    half_angle = camera.eroded(margin).half_angle
     bearing = camera.bearing(point)
     a_v, a_w, drift = _bearing_rate(point, (camera.camera[0], camera.camera[1]), point_velocity)
     left, right = half_angle - bearing, half_angle + bearing

@@ -9,15 +9,16 @@ other ``Edge``. The same set in terms of bearings is in ``clfcbf.constraints.bea
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from clfcbf.camera import FieldOfView
 from clfcbf.constraints.barrier import HERE, Sweep
 from clfcbf.constraints.bearing import bearing_rows, paper_row
-from clfcbf.constraints.checks import check_finite, check_positive, shrunk_half_angle
+from clfcbf.constraints.checks import check_finite, check_positive
 from clfcbf.constraints.rows import Priority, Row, Rows
-from clfcbf.errors import ConfigurationError, GeometryError
+from clfcbf.errors import GeometryError
 from clfcbf.scene import Scene
 from clfcbf.se2 import Point, Pose2
 
@@ -32,6 +33,8 @@ __all__ = [
 ]
 
 _AT_REST: Point = (0.0, 0.0)
+_SAFETY = Priority.SAFETY
+_new = tuple.__new__  # makes a named tuple in half the time of its own constructor
 _RIGHT_ANGLE = 0.5 * math.pi
 _SIXTH = math.pi / 3.0  # the arc of a chord of half the radius, over the chord
 _NO_DISTANCE = 5e-324  # [m] in place of none
@@ -60,31 +63,19 @@ class Edge(NamedTuple):
         return cls(n_x, n_y, n_x * point[0] + n_y * point[1])
 
 
-def camera_edges(
-    camera: FieldOfView, margin: float = 0.0, setback: float = 0.0
-) -> tuple[Edge, Edge]:
-    """Left and right edge of a camera, turned in by ``margin`` [rad] and moved in by ``setback`` [m].
-
-    Raises
-    ------
-    ConfigurationError : the margin is not in [0, half_angle), or the setback negative
-    """
-    half_angle = shrunk_half_angle(camera, margin)
-    if not 0.0 <= setback < math.inf:
-        raise ConfigurationError(f"setback must be finite and at least 0 m, got {setback!r}")
+def camera_edges(camera: FieldOfView) -> tuple[Edge, Edge]:
+    """Left and right edge of a camera's view."""
     x, y, yaw = camera.camera
-    left = Edge.through((x, y), yaw + half_angle, inward=-1.0)
-    right = Edge.through((x, y), yaw - half_angle, inward=+1.0)
     return (
-        left._replace(offset=left.offset + setback),
-        right._replace(offset=right.offset + setback),
+        Edge.through((x, y), yaw + camera.half_angle, inward=-1.0),
+        Edge.through((x, y), yaw - camera.half_angle, inward=+1.0),
     )
 
 
 def half_plane_rows(
     names: tuple[str, ...],
     edges: tuple[Edge, ...],
-    points: tuple[Point, ...],
+    points: Sequence[Point],
     gain: float,
     point_velocity: Point = _AT_REST,
 ) -> Rows:
@@ -96,15 +87,15 @@ def half_plane_rows(
     ``names`` has one name a row; the values are h [m].
     """
     u_x, u_y = point_velocity
-    coefficients: list[Row] = []
-    values: list[float] = []
+    coefficients: tuple[Row, ...] = ()
+    values: tuple[float, ...] = ()
     for x, y in points:
         for n_x, n_y, offset in edges:
             h = n_x * x + n_y * y - offset
-            values.append(h)
-            coefficients.append((n_x, n_y * x - n_x * y, gain * h + n_x * u_x + n_y * u_y))
-    block = names, tuple(coefficients), Priority.SAFETY, tuple(values)
-    return tuple.__new__(Rows, block)
+            b = gain * h + n_x * u_x + n_y * u_y
+            values += (h,)
+            coefficients += ((n_x, n_y * x - n_x * y, b),)
+    return _new(Rows, (names, coefficients, _SAFETY, values))
 
 
 def edge_rows(
@@ -147,7 +138,7 @@ def edge_rows(
     """
     check_positive("gain", gain)
     check_finite("point and its velocity", point, point_velocity)
-    edges = camera_edges(camera, margin)
+    edges = camera_edges(camera.eroded(margin))
     return half_plane_rows(("fov.left", "fov.right"), edges, (point,), gain, point_velocity)
 
 
@@ -161,10 +152,8 @@ class FieldOfViewBarrier:
     is in it when both ends are; that needs a distance of :math:`l/(2\tan\Phi)` from the
     camera at least. The ends are taken to be at rest, as the feature is.
 
-    What is kept is the set of points that stay in view when they are turned about the camera by
-    up to ``margin`` and then displaced by up to ``setback``: the view with its edges turned in by
-    the one and moved in by the other, which is again a view, of a camera that sits
-    ``setback / sin(half_angle - margin)`` ahead.
+    What is kept is :meth:`FieldOfView.eroded`: the points that stay in view when they are turned
+    about the camera by up to ``margin`` and then displaced by up to ``setback``.
 
     Attributes
     ----------
@@ -173,6 +162,7 @@ class FieldOfViewBarrier:
     margin : taken off the half angle [rad], in [0, half_angle)
     name : prefix of the rows' names; give each camera its own
     setback : by which both edges are moved inward [m], at least 0
+    kept : the view that is kept, made of these
 
     Raises
     ------
@@ -184,6 +174,7 @@ class FieldOfViewBarrier:
     margin: float = 0.0
     name: str = "fov"
     setback: float = 0.0
+    kept: FieldOfView = field(init=False, compare=False)
     _edges: tuple[Edge, ...] = field(init=False, repr=False, compare=False)
     _names: tuple[str, ...] = field(init=False, repr=False, compare=False)
     _eye: tuple[float, float, float, float, float] = field(init=False, repr=False, compare=False)
@@ -196,18 +187,20 @@ class FieldOfViewBarrier:
         check_positive("gain", self.gain)
         ends = (".left_end", ".right_end") if self.camera.width > 0.0 else ("",)
         names = tuple(f"{self.name}.{side}{end}" for end in ends for side in ("left", "right"))
-        object.__setattr__(self, "_edges", camera_edges(self.camera, self.margin, self.setback))
-        object.__setattr__(self, "_names", names)
-        x, y, yaw = self.camera.camera
-        half_angle = self.camera.half_angle - self.margin
-        cos, sin, reach = math.cos(yaw), math.sin(yaw), 1.0 / math.sin(half_angle)
-        ahead = self.setback * reach
-        eye = (x + ahead * cos, y + ahead * sin, cos, sin, reach)
-        object.__setattr__(self, "_eye", eye)
-        object.__setattr__(self, "_half_angle", half_angle)
-        object.__setattr__(self, "_width", self.camera.width)
-        object.__setattr__(self, "_lever", math.hypot(eye[0], eye[1]))
-        object.__setattr__(self, "_most_turn", half_angle - abs(yaw))
+        kept = self.camera.eroded(self.margin, self.setback)
+        x, y, yaw = kept.camera
+        eye = (x, y, math.cos(yaw), math.sin(yaw), 1.0 / math.sin(kept.half_angle))
+        for name, value in (
+            ("kept", kept),
+            ("_edges", camera_edges(kept)),
+            ("_names", names),
+            ("_eye", eye),
+            ("_half_angle", kept.half_angle),
+            ("_width", kept.width),
+            ("_lever", math.hypot(x, y)),
+            ("_most_turn", kept.half_angle - abs(yaw)),
+        ):
+            object.__setattr__(self, name, value)
 
     @property
     def bare(self) -> FieldOfViewBarrier:
@@ -216,7 +209,7 @@ class FieldOfViewBarrier:
 
     @property
     def edges(self) -> tuple[Edge, ...]:
-        """The edges that are kept, turned and moved inward."""
+        """The edges of the view that is kept."""
         return self._edges
 
     def rows(self, scene: Scene, motion: Pose2 | None = None) -> Rows:
@@ -229,9 +222,9 @@ class FieldOfViewBarrier:
         ------
         GeometryError : the feature is not finite, or has a width and no heading
         """
-        points = self._points(scene.feature)
+        points: Sequence[Point] = self._points(scene[1])
         if motion is not None:
-            points = tuple([motion.seen(point) for point in points])
+            points = [motion.seen(point) for point in points]
         return half_plane_rows(self._names, self._edges, points, self.gain)
 
     def clearance(self, scene: Scene, motion: Pose2 = HERE) -> float:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 
-from clfcbf.camera import FieldOfView
 from clfcbf.errors import ConfigurationError, GeometryError
 
-__all__ = ["check_finite", "check_positive", "shrunk_half_angle"]
+__all__ = ["check_finite", "check_positive"]
 
 
 def check_positive(name: str, value: float) -> float:
@@ -27,12 +26,3 @@ def check_finite(name: str, *groups: tuple[float, ...]) -> None:
         total += sum(group)
     if total - total != 0.0:
         raise GeometryError(f"{name} must be finite, got {', '.join(map(repr, groups))}")
-
-
-def shrunk_half_angle(camera: FieldOfView, margin: float) -> float:
-    """The camera's half angle less ``margin``, which must be in [0, half_angle) [rad]."""
-    if not 0.0 <= margin < camera.half_angle:
-        raise ConfigurationError(
-            f"margin must be in [0, half_angle) = [0, {camera.half_angle:.6g}) rad, got {margin!r}"
-        )
-    return camera.half_angle - margin

@@ -34,6 +34,8 @@ __all__ = [
     "witnessed_clf",
 ]
 
+_KANAYAMA, _STABILITY = ("clf.kanayama",), Priority.STABILITY
+
 STRICT_CROSS_TERM = 0.3
 """Cross term [1/m] of the strict function: certified with gains 1, 8, 6, see ``strict_clf``."""
 
@@ -172,8 +174,9 @@ def witnessed_clf(
     b = -fraction * decrease - drift
     # The coefficient of omega is x y - y x - g_theta: turning does not change the distance.
     if witness is not None:
-        b = max(b, -x * witness[0] - g_theta * witness[1])
-    block = ("clf.kanayama",), ((-x, -g_theta, b),), Priority.STABILITY, (value,)
+        met = -x * witness[0] - g_theta * witness[1]
+        b = met if met > b else b
+    block = _KANAYAMA, ((-x, -g_theta, b),), _STABILITY, (value,)
     return tuple.__new__(Rows, block)
 
 

@@ -87,7 +87,7 @@ class Planner:
             defaults.PLAN_ACCELERATION * limits.alpha_max,
             limits.reverse_speed,
         )
-        self.edge = FieldOfView(camera.half_angle - defaults.PLAN_EDGE, camera.camera)
+        self.edge = camera.eroded(defaults.PLAN_EDGE, defaults.VIEW_SETBACK)
         offsets = nominal_offsets(self.limits, self.edge, standoff, defaults.PLAN_CURVES)
         self.curves = terminal_curves(
             self.limits, self.edge, standoff, offsets, defaults.PLAN_REACH
@@ -227,7 +227,7 @@ class Planner:
         return legs, ends, times
 
     def _bearing(self, pose: Pose2) -> float:
-        return self.camera.bearing(pose.seen((self.standoff, 0.0)))
+        return self.edge.bearing(pose.seen((self.standoff, 0.0)))
 
     def _cost(
         self, found: Candidates, starts: Array, before: Array, curves: TerminalCurves,
@@ -260,7 +260,7 @@ class Planner:
         end = theta + found.swept + np.sign(found.radius) * overrun
         px = x - found.radius * (np.sin(theta) - np.sin(end))
         py = y + found.radius * (np.cos(theta) - np.cos(end))
-        cx, cy, yaw = self.camera.camera
+        cx, cy, yaw = self.edge.camera
         eye_x = px + cx * np.cos(end) - cy * np.sin(end)
         eye_y = py + cx * np.sin(end) + cy * np.cos(end)
         bearing = np.arctan2(-eye_y, self.standoff - eye_x) - end - yaw

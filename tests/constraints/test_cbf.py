@@ -438,7 +438,7 @@ def test_margin_out_of_range(bad: float) -> None:
     with pytest.raises(ConfigurationError, match="margin"):
         FieldOfViewBarrier(AHEAD, GAIN, bad)
     with pytest.raises(ConfigurationError, match="margin"):
-        camera_edges(AHEAD, bad)
+        AHEAD.eroded(bad)
 
 
 @pytest.mark.parametrize("bad", [0.0, -0.1, 4.0, math.nan])
