@@ -117,7 +117,7 @@ def _row(name: str, cases: Sequence[Case]) -> dict[str, Any]:
     errors, times, failed = [], [], 0
     for problem, exact in cases:
         begun = time.perf_counter()
-        answer = solve_qp(problem, name)
+        answer = solve_qp(problem, name, fallback=())  # its own answer, nobody else's
         times.append(time.perf_counter() - begun)
         if answer.x is None:
             failed += 1

@@ -5,10 +5,9 @@ Discs that a point :math:`\ell` ahead of the robot's centre must not enter, one 
 .. math:: h = d - r,\qquad
           \dot h = -\frac{p_x v + \ell\,p_y\,\omega}{d} \ge -\lambda h
 
-with :math:`p` the disc's centre seen from that point and :math:`d = |p|` [Ames2019]_. No command
-moves the point faster than :math:`w = \max_{box}\sqrt{v^2 + \ell^2\omega^2}`, so a disc farther
-than :math:`r + w/\lambda` has no row that cuts the box. Ours drops those before it assembles
-anything; the answer is the same. The others get every row.
+with :math:`p` the disc's centre seen from that point and :math:`d = |p|` [Ames2019]_. Ours drops
+the rows that cannot bind in the tick's input box, :func:`clfcbf.qp.pruning.prune`; the answer is
+the same. The others get every row.
 """
 
 from __future__ import annotations
@@ -25,8 +24,8 @@ from benchmarks.routes import PENALTY, ipopt_solver
 from benchmarks.stream import Program
 from benchmarks.timing import Answer, Contestant
 from clfcbf import Pose2
-from clfcbf.constraints.rows import Row
 from clfcbf.qp.exact import paper_program
+from clfcbf.qp.pruning import prune
 
 __all__ = ["OBSTACLES", "obstacle_routes"]
 
@@ -70,23 +69,6 @@ def draw_jobs(programs: Sequence[Program], count: int, rng: np.random.Generator)
     return jobs
 
 
-def near_rows(job: Job) -> list[Row]:
-    """Rows of the discs that are near enough to matter."""
-    v_lo, v_hi, w_lo, w_hi = job.program.box
-    fastest = math.hypot(max(-v_lo, v_hi), LEVER * max(-w_lo, w_hi))
-    reach = RADIUS + fastest / GAIN
-    x, y, theta = job.pose
-    c, s = math.cos(theta), math.sin(theta)
-    dx, dy = job.x - (x + LEVER * c), job.y - (y + LEVER * s)
-    near = np.flatnonzero(dx * dx + dy * dy < reach * reach)
-    rows = []
-    for d_x, d_y in zip(dx[near].tolist(), dy[near].tolist(), strict=True):
-        p_x, p_y = c * d_x + s * d_y, c * d_y - s * d_x
-        d = math.hypot(p_x, p_y)
-        rows.append((p_x / d, LEVER * p_y / d, GAIN * (d - RADIUS)))
-    return rows
-
-
 def all_rows(job: Job) -> Array:
     """Rows of all discs, shape (N, 3)."""
     x, y, theta = job.pose
@@ -99,7 +81,7 @@ def all_rows(job: Job) -> Array:
 
 def _ours(job: Job) -> Any:
     p = job.program
-    hard = (*p.hard, *near_rows(job)) if job.x.size else p.hard
+    hard = (*p.hard, *prune(p.box, all_rows(job))) if job.x.size else p.hard
     return paper_program(p.weight, p.nominal, p.box, hard, p.soft, PENALTY)
 
 

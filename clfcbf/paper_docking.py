@@ -94,10 +94,14 @@ class PaperDocking:
         elapsed = begun.reckoning.time - before.time if before is not None else 0.0
         self.state, fault = observed(self.docking, self.state, begun, observation, elapsed)
         target = self.state.target
-        if begun.fault or fault or target is None or target.accepted < defaults.FIRST_LOOKS:
-            decision, after = stop(begun, begun.fault or fault or Status.NO_TARGET, self.base)
+        ended = self.state.phase in (Phase.DONE, Phase.FAILED)
+        unknown = target is None or target.accepted < defaults.FIRST_LOOKS
+        if begun.fault or fault or ended or unknown or target is None:
+            waiting = Status.STOPPED if ended else Status.NO_TARGET
+            decision, after = stop(begun, begun.fault or fault or waiting, self.base)
             self.state = self.state._replace(base=after)
-            return decision._replace(phase=self.state.phase, reason=self.state.reason)
+            done = self.state.phase is Phase.DONE and at_rest(begun.applied)
+            return decision._replace(phase=self.state.phase, reason=self.state.reason, done=done)
         pose = target.goal.relative(begun.reckoning.pose)
         if self.trajectory is None:
             self.trajectory = quintic_to_goal(pose, self.base.limits)
@@ -119,7 +123,8 @@ class PaperDocking:
         done = over and at_rest(answer.twist) and at_rest(begun.applied)
         ticks = self.base.limits.brake_ticks(answer.twist, self.base.period)
         after = FilterState(begun.reckoning, Brake(answer.twist, ticks), answer.twist)
-        self.state = self.state._replace(base=after, phase=Phase.APPROACHING)
+        phase = Phase.DONE if done else Phase.APPROACHING
+        self.state = self.state._replace(base=after, phase=phase)
         return Decision(
             answer.twist,
             Status.OPTIMAL if answer.feasible else Status.BARRIER_RELAXED,
@@ -130,5 +135,5 @@ class PaperDocking:
             barrier_slack=0.0 if answer.feasible else 1.0,
             box=begun.box,
             done=done,
-            phase=Phase.DONE if done else Phase.APPROACHING,
+            phase=phase,
         )

@@ -12,6 +12,7 @@ from clfcbf.constraints.barrier import Barrier
 from clfcbf.constraints.cbf import FieldOfViewBarrier
 from clfcbf.decision import Decision, Status
 from clfcbf.limits import Limits, check_period
+from clfcbf.qp import Backend
 from clfcbf.scene import Scene
 from clfcbf.se2 import Twist, is_finite
 from clfcbf.tick import (
@@ -37,11 +38,15 @@ class FilterInputs(NamedTuple):
 
 
 def filter_tick(
-    config: FilterConfig, state: FilterState, inputs: FilterInputs, now: float
+    config: FilterConfig,
+    state: FilterState,
+    inputs: FilterInputs,
+    now: float,
+    since: float | None = None,
 ) -> tuple[Decision, FilterState]:
-    """One tick of the filter as a pure function."""
+    """One tick of the filter as a pure function, but for the timing if ``since`` is given."""
     nominal, scene, applied = inputs
-    begun = begin(config, state, applied, now)
+    begun = begin(config, state, applied, now, since)
     if begun.fault is not None:
         return stop(begun, begun.fault, config)
     try:
@@ -92,7 +97,7 @@ class SafetyFilter:
     limits : of the chassis
     barriers : barriers, or cameras (:class:`FieldOfView`) to be made into one
     period : of the control loop [s]
-    backend : name of a QP backend, see :func:`clfcbf.available_backends`
+    backend : a QP backend by name, see :func:`clfcbf.available_backends`, or one of your own
     weight : (q11, q12, q22) of the distance to the nominal command
     lag, guard_lag, patience : see :class:`FilterConfig`
 
@@ -113,7 +118,7 @@ class SafetyFilter:
         limits: Limits,
         barriers: Sequence[Barrier | FieldOfView],
         period: float,
-        backend: str = "exact",
+        backend: str | Backend = "exact",
         *,
         weight: tuple[float, float, float] = defaults.QP_WEIGHT,
         lag: float = 0.0,
@@ -134,8 +139,7 @@ class SafetyFilter:
         applied : the command the chassis last accepted, never odometry
         now : time [s], on the clock of the stamps
         """
-        begun = time.perf_counter()
-        decision, self.state = filter_tick(
-            self.config, self.state, FilterInputs(nominal, scene, applied), now
-        )
-        return decision.timed(time.perf_counter() - begun)
+        since = time.perf_counter()
+        inputs = FilterInputs(nominal, scene, applied)
+        decision, self.state = filter_tick(self.config, self.state, inputs, now, since)
+        return decision

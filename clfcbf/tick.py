@@ -15,6 +15,7 @@ safe. What the tick remembers is one value that goes in and comes out, so a run 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -27,7 +28,7 @@ from clfcbf.errors import ConfigurationError, GeometryError
 from clfcbf.estimation import DeadReckoning, advance, motion_since
 from clfcbf.guard import ROUNDING, Brake, Guard, Guarded, Verdict
 from clfcbf.limits import InputBox, Limits, check_period
-from clfcbf.qp import check_weight, get_backend, solve_ladder
+from clfcbf.qp import Backend, check_weight, get_backend, solve_ladder
 from clfcbf.qp.exact import LexicographicSolution
 from clfcbf.scene import Scene
 from clfcbf.se2 import Pose2, Twist
@@ -68,7 +69,7 @@ class FilterConfig:
     ----------
     limits, period : of the chassis; commands are judged against them at this period [s]
     barriers : what must not be violated
-    backend : name of the QP backend
+    backend : the QP backend, by name or a :class:`clfcbf.qp.Backend` of your own
     weight : (q11, q12, q22) of the distance to the nominal command, positive definite
     lag : first-order lag of the body, for the prediction [s]
     guard_lag : longest lag the guard covers [s]; not below ``lag``
@@ -85,7 +86,7 @@ class FilterConfig:
     limits: Limits
     barriers: tuple[Barrier, ...]
     period: float
-    backend: str = "exact"
+    backend: str | Backend = "exact"
     weight: tuple[float, float, float] = defaults.QP_WEIGHT
     lag: float = 0.0
     guard_lag: float = defaults.GUARD_LAG
@@ -130,6 +131,8 @@ class Begun(NamedTuple):
 
     ``fault`` is set where an input was not usable; the tick then ends in a brake. ``late`` says
     that the last command was held for longer than the period, so nothing is certified now.
+    ``since`` is when the tick began on the machine's own clock [s], None where nobody asks how
+    long it takes.
     """
 
     applied: Twist
@@ -138,9 +141,16 @@ class Begun(NamedTuple):
     brake: Brake
     fault: Status | None
     late: bool
+    since: float | None = None
 
 
-def begin(config: FilterConfig, state: FilterState, applied: Twist, now: float) -> Begun:
+def begin(
+    config: FilterConfig,
+    state: FilterState,
+    applied: Twist,
+    now: float,
+    since: float | None = None,
+) -> Begun:
     """Check command and clock, and bring the dead reckoning to ``now``.
 
     A command that is not finite is replaced by the one last sent. A clock that stands still
@@ -178,7 +188,7 @@ def begin(config: FilterConfig, state: FilterState, applied: Twist, now: float) 
     if late or fault is _CLOCK_ERROR:
         brake = Brake(brake.twist, brake.ticks, brake.ticks == 0)
     box = limits.input_box(applied, period)
-    return _new(Begun, (applied, box, reckoning, brake, fault, late))
+    return _new(Begun, (applied, box, reckoning, brake, fault, late, since))
 
 
 def stop(begun: Begun, status: Status, config: FilterConfig) -> tuple[Decision, FilterState]:
@@ -189,8 +199,9 @@ def stop(begun: Begun, status: Status, config: FilterConfig) -> tuple[Decision, 
         brake = config.guard.brake_from(twist)
     certified = brake.verified and not begun.late
     decision = Decision(
-        twist, status, certified, twist, math.nan, box=begun.box, limits=config.limits
-    )
+        twist, status, certified, twist, math.nan, box=begun.box, limits=config.limits,
+        timing=_timing(begun.since),
+    )  # fmt: skip
     return decision, FilterState(begun.reckoning, brake, twist)
 
 
@@ -221,7 +232,7 @@ def finish(
     ahead : where its body coasts to, seen from there too; the commands act from there on
     wishes : rows below the barriers, such as a Lyapunov row, taken where the body coasts to
     """
-    _, box, reckoning, last, _, late = begun
+    _, box, reckoning, last, _, late, since = begun
     blocks = (*[barrier.rows(scene, ahead) for barrier in config.barriers], *wishes)
     if len(blocks) == 2 and blocks[0][2] < blocks[1][2]:  # as nearly always
         (_, first, _, _), (_, second, _, _) = blocks
@@ -253,7 +264,7 @@ def finish(
             status = Status.BARRIER_RELAXED
     decision = _new(Decision, (
         twist, status, certified, nominal, clearance, slack, barrier_slack, blocks, box,
-        False, None, "", config.weight, answer, verdict, config.limits, 0.0,
+        False, None, "", config.weight, answer, verdict, config.limits, _timing(since),
     ))  # fmt: skip
     return decision, _new(FilterState, (reckoning, brake, twist))
 
@@ -280,6 +291,10 @@ def _verified(answer: LexicographicSolution, box: InputBox, levels: list[Sequenc
                 if not excess <= slack * math.hypot(a, c) + TOLERANCE * (1.0 + abs(b)):
                     return False
     return True
+
+
+def _timing(since: float | None) -> float:
+    return 0.0 if since is None else time.perf_counter() - since
 
 
 def _status(outcome: Guarded, slack: float, barrier_slack: float) -> Status:

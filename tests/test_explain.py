@@ -753,3 +753,25 @@ def test_the_example_runs() -> None:
     outcome = doctest.testmod(package)
     assert outcome.attempted > 5
     assert outcome.failed == 0
+
+
+def test_the_modules_of_the_room_import_in_one_direction() -> None:
+    """Type-checking imports included: no two of them need each other."""
+    import ast
+    from pathlib import Path
+
+    import clfcbf.explain
+
+    needs: dict[str, set[str]] = {}
+    for path in Path(clfcbf.explain.__file__).parent.glob("*.py"):
+        names = {
+            node.module.rpartition(".")[2]
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(node, ast.ImportFrom)
+            and (node.module or "").startswith("clfcbf.explain.")
+        }
+        needs[path.stem] = names
+    while free := [name for name, others in needs.items() if not others & needs.keys()]:
+        for name in free:
+            del needs[name]
+    assert not needs

@@ -77,3 +77,19 @@ def test_command_line(tmp_path, capsys):
     assert [row["backend"] for row in rows] == ["exact", "daqp"]
     assert all(row["ticks"] == 60 and row["outside"] == 0 for row in rows)
     assert "0 outside the contract" in capsys.readouterr().out
+
+
+def test_every_installed_backend_is_covered_unless_told_otherwise(tmp_path, monkeypatch):
+    asked = []
+    whole = faults.run
+    path = tmp_path / "faults.json"
+
+    def run(backend, *arguments):
+        asked.append(backend)
+        done = json.loads(path.read_text())["backends"] if path.exists() else []
+        assert [row["backend"] for row in done] == asked[:-1]  # what is done is on file
+        return whole("exact", 2) | {"backend": backend}
+
+    monkeypatch.setattr(faults, "run", run)
+    assert faults.main(["--json", str(path)]) == 0
+    assert asked == list(NAMES)

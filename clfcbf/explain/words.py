@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 from clfcbf.decision import Phase, Status
 from clfcbf.explain.conflict import Conflict, HalfPlane
+from clfcbf.explain.findings import Findings, LimitReport, RowReport
 from clfcbf.guard import Verdict
 from clfcbf.se2 import Twist
-
-if TYPE_CHECKING:
-    from clfcbf.explain.explanation import Explanation, LimitReport, RowReport
 
 __all__ = ["sentence_of", "unit_of"]
 
@@ -44,7 +41,7 @@ def unit_of(name: str, units: Mapping[str, str] | None = None) -> str:
     return _UNITS.get(name, "")
 
 
-def sentence_of(e: Explanation) -> str:
+def sentence_of(e: Findings) -> str:
     """The sentence: status and phase, what held or gave way, what was sent."""
     head = e.status.value.capitalize()
     if e.phase is not None:
@@ -59,7 +56,7 @@ def sentence_of(e: Explanation) -> str:
     return f"{head}: {_with_program(e)}."
 
 
-def _without_program(e: Explanation) -> str:
+def _without_program(e: Findings) -> str:
     """Ticks of a docking controller that only stand or stop, and those of other controllers."""
     if e.done:
         return f"the task is finished; {_braked(e)}"
@@ -74,7 +71,7 @@ def _without_program(e: Explanation) -> str:
     )
 
 
-def _with_program(e: Explanation) -> str:
+def _with_program(e: Findings) -> str:
     if e.status is Status.OUT_OF_VIEW:
         outside = [f"{_row(row)} by {_amount(-row.value, row.unit)}" for row in _outside(e)]
         what = f"outside {_list(outside)}" if outside else "a barrier is violated"
@@ -189,7 +186,7 @@ def _row(row: HalfPlane | RowReport) -> str:
     return f"row {row.name}"
 
 
-def _outside(e: Explanation) -> list[RowReport]:
+def _outside(e: Findings) -> list[RowReport]:
     return [row for row in e.rows if row.value < 0.0 and row.name.partition(".")[0] != "clf"]
 
 
@@ -202,7 +199,7 @@ def _show(twist: Twist) -> str:
     return f"v = {v:.3g} m/s, omega = {omega:.3g} rad/s"
 
 
-def _braked(e: Explanation) -> str:
+def _braked(e: Findings) -> str:
     if e.sent == (0.0, 0.0):
         return "the robot is told to stand"
     kind = "the certified brake" if e.certified else "a brake without a certificate,"

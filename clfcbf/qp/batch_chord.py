@@ -30,38 +30,49 @@ from clfcbf.qp.batch_geometry import (
     scale_of,
     size_of,
 )
-from clfcbf.qp.polygon import PARALLEL
+from clfcbf.qp.chord import SAME_ANGLE
 
 __all__ = ["Chord", "chord", "lowest"]
 
-_SAME_ANGLE = 1.0 / PARALLEL**2
-
 
 class Chord(NamedTuple):
-    """The part ``lo <= t <= hi`` of the line ``(x - c t, y + a t)``, and a verdict."""
+    """The part ``lo <= t <= hi`` of the line ``(x - c t, y + a t)``, and a verdict.
+
+    ``length2`` is the squared length of the line's normal ``(a, c)``.
+    """
 
     x: Array
     y: Array
     lo: Array
     hi: Array
+    length2: Array
     verdict: Flags
 
 
-def chord(box: Array, line: Array, taken: Iterable[Array], v: Array, w: Array) -> Chord:
+def chord(
+    box: Array, line: Array, taken: Iterable[Array], v: Array, w: Array, scale: Array
+) -> Chord:
     """Where the line of a row runs inside the box and the rows ``taken``.
 
-    ``(v, w)`` is a point of the box; t = 0 at its foot on the line.
+    ``(v, w)`` is a point of the box; t = 0 at its foot on the line. ``scale`` is that of the box.
     """
     a, c, _ = line
-    length2 = a * a + c * c
+    squares = line[:2] * line[:2]
+    length2 = squares[0] + squares[1]
     k = excess(line, v, w)
     k /= length2
-    x, y = v - k * a, w - k * c
-    verdict = np.where(extreme(length2), DELICATE, FINE)
-    lo, hi, point = _box_ends(box, line, length2, x, y, verdict)
+    x, y = k * a, k * c
+    np.subtract(v, x, out=x)
+    np.subtract(w, y, out=y)
+    verdict = np.zeros(x.shape, dtype=np.uint8)
+    if (far := extreme(length2)).any():
+        verdict[far] = DELICATE
     small = SMALL_ANGLE * length2
+    level = np.minimum(*squares) <= small
+    lo, hi, point = _box_ends(box, line, level, x, y, verdict)
     for row in taken:
-        rate = a * row[1] - c * row[0]
+        rate = a * row[1]
+        rate -= c * row[0]
         t = excess(row, x, y)
         t /= -rate
         parallel = rate * rate <= small * (row[0] * row[0] + row[1] * row[1])
@@ -70,14 +81,18 @@ def chord(box: Array, line: Array, taken: Iterable[Array], v: Array, w: Array) -
             near_by = box.take(at, axis=1), line.take(at, axis=1), row.take(at, axis=1)
             verdict[at] = np.maximum(verdict[at], _beside(*near_by, x[at], y[at]))
             rate[at], t[at] = 1.0, np.inf  # cuts off no end
-        np.minimum(hi, np.where(rate > 0.0, t, np.inf), out=hi)
-        np.maximum(lo, np.where(rate > 0.0, -np.inf, t), out=lo)
-    undecided = NOISE * scale_of(box)
+        ahead = rate > 0.0
+        np.minimum(hi, t, out=hi, where=ahead)
+        np.maximum(lo, t, out=lo, where=~ahead)
+    undecided = NOISE * scale
     width = hi - lo
-    np.maximum(verdict, width < 0.0, out=verdict)
+    if (gone := width < 0.0).any():
+        np.maximum(verdict, gone, out=verdict)
     width *= width
     width *= length2
-    np.copyto(verdict, DELICATE, where=~(width > undecided * undecided))
+    clear = width > undecided * undecided
+    if not clear.all():
+        verdict[~clear] = DELICATE
     if point is not None:
         # A box without width leaves one point of the line, if that is inside of all the rest.
         at = np.flatnonzero(point == point)
@@ -87,41 +102,40 @@ def chord(box: Array, line: Array, taken: Iterable[Array], v: Array, w: Array) -
         some = np.where(room > margin, FINE, np.where(room < -margin, EMPTY, DELICATE))
         verdict[at] = np.maximum(verdict[at], some)
         lo[at] = hi[at] = only
-    return Chord(x, y, lo, hi, verdict)
+    return Chord(x, y, lo, hi, length2, verdict)
 
 
 def _box_ends(
-    box: Array, line: Array, length2: Array, x: Array, y: Array, verdict: Flags
+    box: Array, line: Array, level: Mask, x: Array, y: Array, verdict: Flags
 ) -> tuple[Array, Array, Array | None]:
-    """Ends of the line in the box, updating ``verdict``.
+    """Ends of the line in the box, updating ``verdict``; ``level`` lines run along a side of it.
 
     Where a box is a segment the ends are those of its long sides, and the third array says
     where the line crosses it, NaN elsewhere; None where no box is one.
     """
     a, c, _ = line
-    lo, hi = (x - box[1]) / c, (x - box[0]) / c
-    near, far = (box[2] - y) / a, (box[3] - y) / a
+    ends = np.empty((2, 2, x.size))  # crossings of the v-sides, of the w-sides
+    np.subtract(x, box[1::-1], out=ends[0])
+    np.subtract(box[2:], y, out=ends[1])
+    ends[0] /= c
+    ends[1] /= a
     point: Array | None = None
-    flat_v, flat_w = box[0] == box[1], box[2] == box[3]
-    flat = flat_v | flat_w
+    flat = box[0::2] == box[1::2]
     if flat.any():
-        point = np.where(flat, np.where(flat_v, lo, near), np.nan)
-        lo[flat_v], hi[flat_v] = -np.inf, np.inf
-        near[flat_w], far[flat_w] = -np.inf, np.inf
+        flat_v, flat_w = flat
+        point = np.where(flat_v, ends[0, 0], np.where(flat_w, ends[1, 0], np.nan))
+        for sides, narrow in zip(ends, flat, strict=True):
+            sides[0, narrow], sides[1, narrow] = -np.inf, np.inf
         verdict[flat_v & flat_w] = DELICATE
-    along = np.minimum(np.abs(a), np.abs(c))
-    along *= along
-    level = along <= SMALL_ANGLE * length2
     if level.any():
         at = np.flatnonzero(level)
         upright = np.abs(c[at]) < np.abs(a[at])
         some = _along_side(box.take(at, axis=1), line.take(at, axis=1), x[at], y[at], upright)
         verdict[at] = np.maximum(verdict[at], some)
-        lo[at[upright]], hi[at[upright]] = -np.inf, np.inf
-        near[at[~upright]], far[at[~upright]] = -np.inf, np.inf
-    lo, hi = np.minimum(lo, hi), np.maximum(lo, hi)
-    np.maximum(lo, np.minimum(near, far), out=lo)
-    np.minimum(hi, np.maximum(near, far), out=hi)
+        for sides, along in zip(ends, (at[upright], at[~upright]), strict=True):
+            sides[0, along], sides[1, along] = -np.inf, np.inf
+    lo = np.maximum.reduce(np.minimum.reduce(ends, axis=1), axis=0)
+    hi = np.minimum.reduce(np.maximum.reduce(ends, axis=1), axis=0)
     return lo, hi, point
 
 
@@ -150,7 +164,7 @@ def _beside(box: Array, line: Array, row: Array, x: Array, y: Array) -> Flags:
     other = np.sqrt(other2)
     sine = (a * g - c * d) / np.sqrt(a * a + c * c) / other  # its square would underflow
     drift = _drift(box, sine) * other
-    same = (sine * sine <= _SAME_ANGLE) & (a * d + c * g > 0.0)
+    same = (sine * sine <= SAME_ANGLE) & (a * d + c * g > 0.0)
     gap = excess(row, x, y)
     held = (gap < -drift) | ((gap <= drift) & same)
     verdict = np.where(held, FINE, np.where(gap > drift, EMPTY, DELICATE))
@@ -172,7 +186,8 @@ def lowest(box: Array, row: Array, rows: Array) -> tuple[Array, Array, Flags]:
     v, w = lowest_corner(box, row)
     flat = NOISE * size_of(row)
     verdict = np.where(np.minimum(np.abs(a), np.abs(c)) > flat, FINE, DELICATE)
-    noise = NOISE * scale_of(box)
+    scale = scale_of(box)
+    noise = NOISE * scale
     for count, other in enumerate(rows):
         over = excess(other, v, w)
         size = size_of(other)
@@ -182,7 +197,7 @@ def lowest(box: Array, row: Array, rows: Array) -> tuple[Array, Array, Flags]:
             continue
         part, before = box.take(at, axis=1), rows[: count + 1].take(at, axis=2)
         line = before[count]
-        ends = chord(part, line, before[:count], v[at], w[at])
+        ends = chord(part, line, before[:count], v[at], w[at], scale[at])
         slope = c[at] * line[0] - a[at] * line[1]
         level = np.abs(slope) <= flat[at] * size[at]
         t = np.where(slope > 0.0, ends.lo, ends.hi)

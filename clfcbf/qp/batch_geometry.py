@@ -10,8 +10,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from clfcbf.qp.polygon import TRUSTED
-from clfcbf.qp.projection import NOISE
+from clfcbf.qp.chord import NOISE, SMALL_ANGLE
 
 __all__ = [
     "DELICATE",
@@ -27,6 +26,7 @@ __all__ = [
     "extreme",
     "inside",
     "lowest_corner",
+    "reach_of",
     "scale_of",
     "size_of",
 ]
@@ -40,10 +40,13 @@ FINE, EMPTY, DELICATE = np.uint8(0), np.uint8(1), np.uint8(2)
 """Verdict on a column: floats answer; nothing is left; left to the exact path. Of two verdicts
 the larger one stands."""
 
-SMALL_ANGLE = 1.0 / TRUSTED**2
-"""Squared sine of the angle under which the crossing of two lines is not left to floats."""
-
 _SHORTEST, _LONGEST = 1e-300, 1e300  # squared lengths between which rounding stays relative
+
+
+def reach_of(array: Array) -> float:
+    """A number that no modulus of the array exceeds; NaN where one is NaN."""
+    highest, lowest = float(array.max(initial=0.0)), float(array.min(initial=0.0))
+    return highest - lowest
 
 
 def scale_of(box: Array) -> Array:

@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from clfcbf.qp.batch_chord import Chord
-from clfcbf.qp.batch_geometry import SMALL_ANGLE, Array, Index, Mask, excess, inside
+from clfcbf.qp.batch_geometry import SMALL_ANGLE, Array, Index, Mask, excess, inside, size_of
 from clfcbf.qp.objective import CONDITION
 from clfcbf.qp.polygon import TRUSTED
 
@@ -54,10 +54,10 @@ class Objectives(NamedTuple):
         """Where rounding could exceed 1e-12: nominal far beyond ``scale``, ill-scaled costs."""
         q11, q12, q22 = self.weight
         trace = q11 + q22
-        far: Mask = np.abs(self.nominal[0]) + np.abs(self.nominal[1]) > TRUSTED * scale
+        far: Mask = size_of(self.nominal) > TRUSTED * scale
         far |= ~np.less_equal(trace * trace, CONDITION * (q11 * q22 - q12 * q12))
         if self.soft is not None:
-            size = np.abs(self.soft[0]) + np.abs(self.soft[1])
+            size = size_of(self.soft)
             far |= ~((size > _SHORTEST) & (size < _LONGEST))
         return far
 
@@ -67,7 +67,7 @@ class Objectives(NamedTuple):
         if self.diagonal:
             return inside(box, n_v, n_w)
         q11, q12, q22 = self.weight
-        v, w = n_v, n_w
+        v, w, r = n_v, n_w, None
         if self.soft is not None:
             s_v, s_w, _ = self.soft
             r = excess(self.soft, n_v, n_w)
@@ -75,28 +75,43 @@ class Objectives(NamedTuple):
                 g_v, g_w = q22 * s_v - q12 * s_w, q11 * s_w - q12 * s_v
             else:
                 g_v, g_w = q22 * s_v, q11 * s_w
-            k = s_v * g_v + s_w * g_w + (q11 * q22 - q12 * q12) / self.penalty
+            k = s_v * g_v
+            k += s_w * g_w
+            k += (q11 * q22 - q12 * q12) / self.penalty
             np.divide(r, k, out=k)
-            v, w = n_v - k * g_v, n_w - k * g_w
-        x = np.minimum(np.maximum(v, box[0]), box[1])
-        w = np.where(x == v, w, self._other(1, x))
-        y = np.minimum(np.maximum(w, box[2]), box[3])
-        free = self._other(0, y)
-        x = np.where(y == w, x, np.minimum(np.maximum(free, box[0]), box[1]))
-        return x, y
+            g_v *= k
+            g_w *= k
+            v, w = np.subtract(n_v, g_v, out=g_v), np.subtract(n_w, g_w, out=g_w)
+        x = np.maximum(v, box[0])
+        np.minimum(x, box[1], out=x)
+        w = np.where(x == v, w, self._other(1, x, r))
+        y = np.maximum(w, box[2])
+        np.minimum(y, box[3], out=y)
+        free = self._other(0, y, r)
+        np.maximum(free, box[0], out=free)
+        np.minimum(free, box[1], out=free)
+        return np.where(y == w, x, free), y
 
-    def _other(self, axis: int, held: Array) -> Array:
-        """The coordinate ``axis`` of least cost where the other one is ``held``."""
+    def _other(self, axis: int, held: Array, residual: Array | None) -> Array:
+        """The coordinate ``axis`` of least cost where the other one is ``held``.
+
+        ``residual`` is that of the soft row at the nominal command, None without one.
+        """
         away = held - self.nominal[1 - axis]
         curvature: Entry = self.weight[2 * axis]
-        pull: Entry = self.weight[1] * away if self.crossed else 0.0
-        if self.soft is not None:
-            slope, across = self.soft[axis], self.soft[1 - axis]
-            steep = self.penalty * slope
-            pull = pull + steep * (across * away + excess(self.soft, *self.nominal))
-            curvature = curvature + steep * slope
-        free: Array = self.nominal[axis] - pull / curvature
-        return free
+        pull: Array = self.weight[1] * away
+        if self.soft is not None and residual is not None:
+            steep: Array = self.penalty * self.soft[axis]
+            away *= self.soft[1 - axis]
+            away += residual
+            away *= steep
+            pull += away
+            steep *= self.soft[axis]
+            steep += curvature
+            curvature = steep
+        pull /= curvature
+        np.subtract(self.nominal[axis], pull, out=pull)
+        return pull
 
     def minimum_on(self, line: Array, ends: Chord) -> tuple[Array, Mask | None]:
         r"""The t of least cost along :math:`(x - c t,\ y + a t)`, and where it is untrusted.
@@ -106,30 +121,40 @@ class Objectives(NamedTuple):
         """
         q11, q12, q22 = self.weight
         a, c = line[0], line[1]
-        e_v, e_w = self.nominal[0] - ends.x, self.nominal[1] - ends.y
+        upper, right = self.nominal[0] - ends.x, self.nominal[1] - ends.y
         if self.crossed:
             g_v, g_w = q12 * a - q11 * c, q22 * a - q12 * c
         else:
             g_v, g_w = -q11 * c, q22 * a
-        upper, lower = g_v * e_v + g_w * e_w, g_w * a - g_v * c
+        upper *= g_v
+        right *= g_w
+        upper += right
+        g_v *= c
+        g_w *= a
+        lower = np.subtract(g_w, g_v, out=g_w)
         if self.soft is None:
-            return upper / lower, None
+            return np.divide(upper, lower, out=upper), None
         s_v, s_w, s_b = self.soft
-        slope = s_w * a - s_v * c
-        length2, soft2 = a * a + c * c, s_v * s_v + s_w * s_w
+        slope = s_w * a
+        slope -= s_v * c
+        length2, soft2 = ends.length2, s_v * s_v
+        soft2 += s_w * s_w
         untrusted = slope * slope <= SMALL_ANGLE * length2 * soft2
         over = excess(self.soft, ends.x, ends.y)
-        at = np.flatnonzero(untrusted)
-        if at.size:
+        if untrusted.any():
+            at = np.flatnonzero(untrusted)
             # The slope by exact products: what is left of its error is what p's adds to it.
             slope[at] = _difference_of_products(s_w[at], a[at], s_v[at], c[at])
             size = np.sqrt(soft2[at]) * (np.abs(ends.x[at]) + np.abs(ends.y[at])) + np.abs(s_b[at])
-            steep = self.penalty * np.abs(slope[at])
-            error = 8.0 * _EPSILON * steep * size * np.sqrt(length2[at])
-            untrusted[at] = ~(error <= _ERROR * (lower[at] + steep * np.abs(slope[at])))
-        upper -= self.penalty * slope * over
-        lower += self.penalty * slope * slope
-        return upper / lower, untrusted
+            force = self.penalty * np.abs(slope[at])
+            error = 8.0 * _EPSILON * force * size * np.sqrt(length2[at])
+            untrusted[at] = ~(error <= _ERROR * (lower[at] + force * np.abs(slope[at])))
+        steep = self.penalty * slope
+        over *= steep
+        steep *= slope
+        upper -= over
+        lower += steep
+        return np.divide(upper, lower, out=upper), untrusted
 
 
 def _difference_of_products(a: Array, b: Array, c: Array, d: Array) -> Array:

@@ -5,19 +5,39 @@ As :func:`clfcbf.qp.exact.paper_program`, with arrays and chunks as in :mod:`clf
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from clfcbf.errors import ConfigurationError
 from clfcbf.qp.batch_chunks import CHUNK, Chunk, Programs
-from clfcbf.qp.batch_geometry import DELICATE, EMPTY, FINE, Array, Flags, Mask, excess
+from clfcbf.qp.batch_geometry import (
+    DELICATE,
+    EMPTY,
+    FINE,
+    NOISE,
+    Array,
+    Flags,
+    Mask,
+    excess,
+    scale_of,
+    size_of,
+)
 from clfcbf.qp.batch_objective import Objectives
 from clfcbf.qp.batch_projection import least_violation, project
+from clfcbf.qp.batch_sift import unsettled
 from clfcbf.qp.one_shot import paper_program
 
 __all__ = ["PaperBatchSolution", "solve_batch_paper"]
+
+_LARGE = 4096
+"""Programs of a chunk from which on it is worth solving those first whose soft row fails."""
+
+_S = TypeVar("_S", bound=np.generic)
+
+Answers: TypeAlias = tuple[Array, Array, Array, Mask, Flags]
+"""v, omega, delta, whether feasible, verdict."""
 
 
 class PaperBatchSolution(NamedTuple):
@@ -73,46 +93,100 @@ def solve_batch_paper(
     count = programs.sizes[0]
     answer = PaperBatchSolution(
         np.empty((count, 2)),
-        np.empty(count),
+        np.zeros(count),
         np.ones(count, dtype=np.bool_),
         np.zeros(count, dtype=np.bool_),
     )
-    for part in programs.chunks(chunk):
+    all_v, all_w = answer.twist.T
+    for part in unsettled(programs, chunk, answer.twist):
         here = part.place
         blank = part.clear_blank_rows(part.hard)
         v, w, delta, feasible, verdict = _solve(part, penalty)
-        verdict[part.invalid] = DELICATE  # NaN, or a number that overflows floats only
-        for at in np.flatnonzero(verdict == DELICATE).tolist():
+        if part.invalid is not None:
+            verdict[part.invalid] = DELICATE  # NaN, or a number that overflows floats only
+        delicate = verdict == DELICATE
+        for at in np.flatnonzero(delicate).tolist():
             weight, nominal, box, (hard, (soft_row,)) = part.one(at)
             exact = paper_program(weight, nominal, box, hard, soft_row, float(penalty))
             v[at], w[at], delta[at], feasible[at] = exact
-            answer.delicate[here][at] = True
         if blank is not None:
             feasible &= ~blank.any(axis=0)
-        answer.twist[here, 0], answer.twist[here, 1] = v, w
+        all_v[here], all_w[here] = v, w
         answer.delta[here], answer.feasible[here] = delta, feasible
+        answer.delicate[here] = delicate
     return answer
 
 
 @np.errstate(all="ignore")  # columns whose result is not used may divide by zero
-def _solve(part: Chunk, penalty: float) -> tuple[Array, Array, Array, Mask, Flags]:
-    """Without the soft row, then with it where it is not met: v, omega, delta and verdicts."""
+def _solve(part: Chunk, penalty: float) -> Answers:
+    """Where the soft row fails in the box, at once with it: it most likely fails in the end too.
+
+    If the minimum with its cost still has a slack, so has the one without, and it stands.
+    """
+    over = excess(part.rows[part.hard], *part.objective.minimum_in(part.box))
+    fails = over > 0.0
+    trying = np.flatnonzero(fails)
+    if not trying.size or fails.size < _LARGE:
+        return _in_order(part, penalty, fails)
+    some = part.take(trying) if trying.size < over.size else part
+    v, w, delta, verdict, stands = _with_soft(some, penalty)
+    if some is part and stands.all():
+        return v, w, delta, stands, verdict
+    left = np.ones(over.shape, dtype=np.bool_)
+    left[trying[stands]] = False
+    rest = np.flatnonzero(left)
+    x, y, slack, feasible, again = _in_order(part.take(rest), penalty, fails.take(rest))
+
+    def joined(early: NDArray[_S], late: NDArray[_S]) -> NDArray[_S]:
+        column = np.empty(over.shape, dtype=late.dtype)
+        column[trying], column[rest] = early, late
+        return column
+
+    return (
+        joined(v, x),
+        joined(w, y),
+        joined(delta, slack),
+        joined(stands, feasible),
+        joined(verdict, again),
+    )
+
+
+def _in_order(part: Chunk, penalty: float, fails: Mask) -> Answers:
+    """Without the soft row, then with it where it is not met; ``fails``: where not in the box.
+
+    Where floats cannot answer without it, but can with it, they do as :func:`_solve` does.
+    """
     hard, soft = part.rows[: part.hard], part.rows[part.hard]
     v, w, verdict, _ = project(part.objective, part.box, hard)
     feasible = verdict != EMPTY
+    doubtful = verdict == DELICATE
     at = np.flatnonzero(~feasible)
     if at.size:
         v[at], w[at], _, verdict[at] = least_violation(
             part.box.take(at, axis=1), hard.take(at, axis=2), hard[:0].take(at, axis=2)
         )
     delta = excess(soft, v, w)
-    at = np.flatnonzero((delta > 0.0) & (verdict == FINE) & feasible)
+    wanting = np.where(doubtful, fails, delta > 0.0)
+    wanting &= feasible
+    at = np.flatnonzero(wanting)
     if at.size:
-        plain = part.objective.take(at)
-        row = soft.take(at, axis=1)
-        stern = Objectives(plain.weight, plain.nominal, penalty, row)
-        x, y, again, _ = project(stern, part.box.take(at, axis=1), hard.take(at, axis=2))
-        v[at], w[at], delta[at] = x, y, excess(row, x, y)
+        v[at], w[at], delta[at], again, stands = _with_soft(part.take(at), penalty)
         # That the hard rows can hold was found above; another verdict is rounding.
-        verdict[at] = np.where(again == FINE, FINE, DELICATE)
+        fine = (again == FINE) & (stands | ~doubtful.take(at))
+        verdict[at] = np.where(fine, FINE, DELICATE)
     return v, w, np.maximum(delta, 0.0, out=delta), feasible, verdict
+
+
+def _with_soft(part: Chunk, penalty: float) -> tuple[Array, Array, Array, Flags, Mask]:
+    """The minimum with the soft row's cost: v, omega, the row's residual, verdict.
+
+    Last, where it answers the program whatever the minimum without that cost is: the row fails
+    there with room for rounding.
+    """
+    row = part.rows[part.hard]
+    stern = Objectives(part.objective.weight, part.objective.nominal, penalty, row)
+    v, w, verdict, _ = project(stern, part.box, part.rows[: part.hard])
+    delta = excess(row, v, w)
+    stands: Mask = delta > NOISE * scale_of(part.box) * size_of(row)
+    stands &= verdict == FINE
+    return v, w, delta, verdict, stands

@@ -25,6 +25,7 @@ from clfcbf.qp.batch_geometry import (
     size_of,
 )
 from clfcbf.qp.batch_objective import Objectives
+from clfcbf.qp.polygon import TRUSTED
 
 __all__ = ["least_violation", "project", "unit_rows"]
 
@@ -48,31 +49,33 @@ def project(objective: Objectives, box: Array, rows: Array) -> tuple[Array, Arra
         margin = size_of(row)
         margin *= touch
         violated = over > 0.0
-        if (touched := np.flatnonzero((over > -margin) ^ violated)).size:
+        over += margin
+        touched = over > 0.0
+        touched ^= violated
+        if touched.any():
             # On a line to rounding: whether another one meets it in a wedge, the exact path asks.
             verdict[touched] = DELICATE
-        if count or not objective.diagonal:
-            violated &= verdict == FINE
+        violated &= verdict == FINE
         if not (at := np.flatnonzero(violated)).size:
             continue
         part, line = box.take(at, axis=1), row.take(at, axis=1)
         hopeless = excess(line, *lowest_corner(part, line)) > margin.take(at)
-        verdict[at], failed[at] = np.where(hopeless, EMPTY, FINE), count
-        left = np.flatnonzero(~hopeless)
-        if not left.size:
-            continue
-        if left.size < at.size:
+        if hopeless.any():
+            gone, left = np.flatnonzero(hopeless), np.flatnonzero(~hopeless)
+            verdict[at[gone]], failed[at[gone]] = EMPTY, count
             at, part, line = at[left], part.take(left, axis=1), line.take(left, axis=1)
-        some, taken = objective.take(at), rows[:count].take(at, axis=2)
-        ends = chord(part, line, taken, v.take(at), w.take(at))
+            if not left.size:
+                continue
+        some, taken, size = objective.take(at), rows[:count].take(at, axis=2), scale.take(at)
+        ends = chord(part, line, taken, v.take(at), w.take(at), size)
         t, untrusted = some.minimum_on(line, ends)
         np.maximum(t, ends.lo, out=t)
         np.minimum(t, ends.hi, out=t)
         v[at], w[at] = inside(part, ends.x - line[1] * t, ends.y + line[0] * t)
         if untrusted is None:
-            untrusted = some.untrusted(scale.take(at))
+            untrusted = some.untrusted(size)
         np.copyto(ends.verdict, DELICATE, where=untrusted)
-        verdict[at] = ends.verdict
+        verdict[at], failed[at] = ends.verdict, count
     return v, w, verdict, failed
 
 
@@ -110,8 +113,12 @@ def least_violation(box: Array, rows: Array, taken: Array) -> tuple[Array, Array
         if not at.size:
             continue
         part = units[: count + 1].take(at, axis=2)
-        within = np.concatenate((taken.take(at, axis=2), part[:count] - part[count]))
+        below = part[:count] - part[count]
+        within = np.concatenate((taken.take(at, axis=2), below))
         v[at], w[at], verdict[at] = lowest(box.take(at, axis=1), part[count], within)
+        # Of nearly parallel rows the difference has lost digits that it needs.
+        alike = np.abs(below[:, :2]).sum(axis=1).min(axis=0) * TRUSTED < 1.0
+        verdict[at[alike]] = DELICATE
         value[at] = excess(part[count], v[at], w[at])
     verdict[~(value > noise)] = DELICATE
     return v, w, value, np.maximum(verdict, lengths)

@@ -21,6 +21,7 @@ from clfcbf.qp.lexicographic import (
     solve_lexicographic,
 )
 from clfcbf.qp.problem import QpStatus, QuadraticProgram
+from clfcbf.qp.pruning import MANY, prune, solve_many
 
 __all__ = ["AGREEMENT", "ask", "solve_ladder"]
 
@@ -52,9 +53,12 @@ def solve_ladder(
     BackendError : no backend has that name
     MissingExtraError : the backend's package is not installed
     """
-    exact = solve_lexicographic(weight, nominal, box, levels)
+    many = sum(map(len, levels)) > MANY
+    exact = (solve_many if many else solve_lexicographic)(weight, nominal, box, levels)
     if exact is None or backend == "exact":
         return exact
+    if many:
+        levels = [prune(box, rows) for rows in levels]
     problem = _last_program(weight, nominal, box, levels, exact)
     point, health = ask(get_backend(backend), problem, (exact.v, exact.omega))
     if point is None:

@@ -20,11 +20,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from clfcbf.errors import ConfigurationError
+from clfcbf.qp.chord import NOISE, box_scale
+from clfcbf.qp.least_violation import relax_to_corner
 from clfcbf.qp.objective import Objective, nearest_on_edge
 from clfcbf.qp.polygon import TRUSTED, Delicate, box_polygon
-from clfcbf.qp.projection import NOISE, box_scale, project
+from clfcbf.qp.projection import project
 from clfcbf.qp.rational import solve_rational
 from clfcbf.qp.relaxation import relax
+from clfcbf.qp.segment import project_on_segment
 
 __all__ = [
     "BackendHealth",
@@ -160,11 +163,16 @@ def minimise(
     violated: tuple[int, ...] = (),
 ) -> LexicographicSolution:
     """:func:`solve_lexicographic` for any :class:`Objective`, on data known to be finite."""
+    v_lo, v_hi, w_lo, w_hi = box
     try:
-        point = project(objective, box, levels)
-        if point is not None:
-            return LexicographicSolution(*point, (0.0,) * len(levels), violated)
-        return _relaxed(objective, box, levels, violated)
+        flat = v_lo == v_hi or w_lo == w_hi
+        found = (project_on_segment if flat else project)(objective, box, levels)
+        if isinstance(found, tuple):
+            return LexicographicSolution(*found, (0.0,) * len(levels), violated)
+        try:
+            return LexicographicSolution(*relax_to_corner(box, levels, found), violated)
+        except Delicate:  # more than a corner
+            return _relaxed(objective, box, levels, violated)
     except Delicate:
         v, omega, slacks = solve_rational(objective, box, levels)
         return LexicographicSolution(v, omega, slacks, violated, True)

@@ -20,10 +20,13 @@ from clfcbf.qp.nnls import nonnegative_least_squares
 from clfcbf.qp.problem import Array
 from clfcbf.qp.reduction import Form
 
-__all__ = ["polish"]
+__all__ = ["is_exact", "polish"]
 
 _EXACT = 1e-11
 """Violation and wrong sign taken for rounding; numbers are of order one here."""
+
+_SETTLED = 1e-13
+"""Residual of an answer that a solve for the active rows would not improve: a hundred roundings."""
 
 _NEAR = 1e-5
 """Distance under which a row may be active where the solver's multipliers do not tell."""
@@ -37,8 +40,30 @@ _EXCHANGES = 10
 _Sides = NDArray[np.int8]
 
 
+def is_exact(form: Form, y: Array, dual: Array | None) -> bool:
+    """Whether every condition of optimality holds to rounding.
+
+    Parameters
+    ----------
+    form, y, dual : as of :func:`polish`
+    """
+    if dual is None or not (np.isfinite(y).all() and np.isfinite(dual).all()):
+        return False
+    values = form.C @ y
+    above, below = form.upper - values, values - form.lower
+    near = _SETTLED * (1.0 + float(np.abs(y).max()))
+    strong = _SETTLED * (1.0 + float(np.abs(dual).max(initial=0.0)))
+    pull = form.P @ y + form.q + dual @ form.C
+    if np.abs(pull).max() > strong or np.minimum(above, below).min(initial=0.0) < -near:
+        return False
+    # A multiplier acts at its own side only.
+    idle = np.minimum(np.abs(dual), np.where(dual > 0.0, above, below))
+    return bool(idle.max(initial=0.0) <= near)
+
+
 def polish(form: Form, y: Array, dual: Array | None) -> tuple[Array, Array] | None:
     """The exact answer near an approximate one, or None where it was not found.
+
 
     Parameters
     ----------

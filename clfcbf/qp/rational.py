@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import NamedTuple
 
+from clfcbf.qp.chord import NOISE, box_scale
 from clfcbf.qp.objective import Objective, cost, minimiser, nearest_on_edge
 from clfcbf.qp.polygon import box_polygon
-from clfcbf.qp.projection import NOISE, box_scale
 from clfcbf.qp.relaxation import relax
 
 __all__ = ["RationalSolution", "solve_rational"]

@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import TypeVar
 
-from clfcbf.qp.polygon import PARALLEL, Delicate, clip
+from clfcbf.qp.polygon import PARALLEL, TRUSTED, Delicate, clip
 
-__all__ = ["relax"]
+__all__ = ["relax", "tightest"]
 
 N = TypeVar("N", float, Fraction)
 
@@ -58,7 +58,7 @@ def _least_violation(
     the next row, or the new minimum lies where the next row is the largest [Seidel1991]_.
     With rows of unit length the minimum is attained on a corner or an edge, never on an area.
     """
-    rows = _tightest(rows) if len(rows) > 1 else rows
+    rows = tightest(rows) if len(rows) > 1 else rows
     taken = [rows[0]]
     face, value = _lowest_face(polygon, rows[0], noise)
     for row in rows[1:]:
@@ -69,6 +69,8 @@ def _least_violation(
         else:
             region = polygon
             for i, j, k in taken:
+                if noise and (abs(i - a) + abs(j - c)) * TRUSTED < 1:
+                    raise Delicate  # the difference has lost digits that it needs
                 region = _clip_difference(region, (i - a, j - c, k - b), noise)
             # Empty only where the rows are one to rounding (PARALLEL): the face stands.
             if region:
@@ -79,7 +81,7 @@ def _least_violation(
     return face, value
 
 
-def _tightest(rows: Sequence[tuple[N, N, N]]) -> list[tuple[N, N, N]]:
+def tightest(rows: Sequence[tuple[N, N, N]]) -> list[tuple[N, N, N]]:
     """Of unit rows in one direction, to rounding, the one with the least right-hand side."""
     kept: list[tuple[N, N, N]] = []
     for a, c, b in rows:

@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from benchmarks.c_loop import CLoop, CompilerMissingError, find_compiler
 from clfcbf.errors import ConfigurationError
 from clfcbf.qp.batch import BatchStatus, solve_batch
+from clfcbf.qp.batch_chunks import Programs
 from clfcbf.qp.batch_one_shot import solve_batch_paper
+from clfcbf.qp.batch_sift import unsettled
 from clfcbf.qp.exact import paper_program, solve_lexicographic
 
 WEIGHT = (1.0, 0.0, 0.3)
@@ -332,3 +334,62 @@ def test_without_a_compiler_it_says_so(monkeypatch):
         find_compiler()
     with pytest.raises(CompilerMissingError, match="cannot be run"):
         CLoop("/nowhere/cc")
+
+
+def test_programs_that_hold_in_the_box_are_settled_on_sight():
+    """And only those: the commands are the nominal ones moved into the boxes, to the last bit."""
+    arrays = programs(np.random.default_rng(13), 5000, 1, 1)
+    nominal, box, hard, soft = arrays
+    twist = np.full((5000, 2), np.nan)
+    read = Programs.read(WEIGHT, *arrays)
+    left = np.concatenate([part.place.copy() for part in unsettled(read, 700, twist)])
+    settled = np.setdiff1d(np.arange(5000), left)
+    assert 500 < settled.size < 4500
+    assert (np.diff(left) > 0).all()
+    moved = np.clip(nominal, box[:, ::2], box[:, 1::2])
+    np.testing.assert_array_equal(twist[settled], moved[settled])
+    over = [(rows[:, 0, :2] * moved).sum(axis=1) - rows[:, 0, 2] for rows in (hard, soft)]
+    assert (np.maximum(*over)[settled] < 0.0).all()
+    assert (np.maximum(*over)[left] > -1e-9).all()
+
+
+def test_a_broken_robot_changes_nothing_for_the_others():
+    arrays = programs(np.random.default_rng(14), 500, 2, 1)
+    whole = solve_batch(WEIGHT, *arrays)
+    paper = solve_batch_paper(WEIGHT, *arrays[:3], arrays[3][:, 0], 100.0)
+    for place, value in ((0, math.nan), (1, math.inf), (2, 1e200)):
+        broken = [array.copy() for array in arrays]
+        broken[place + 1].reshape(500, -1)[7, 0] = value
+        others = np.arange(500) != 7
+        again = solve_batch(WEIGHT, *broken)
+        np.testing.assert_array_equal(again.twist[others], whole.twist[others])
+        again = solve_batch_paper(WEIGHT, *broken[:3], broken[3][:, 0], 100.0)
+        np.testing.assert_array_equal(again.twist[others], paper.twist[others])
+
+
+@pytest.mark.parametrize("penalty", [1e-3, 1.0, 1e4, 1e8])
+def test_one_shot_where_the_slack_is_next_to_nothing(penalty):
+    """The soft row through the minimum without it, to 1e-16 ... 1e-6 on either side."""
+    rng = np.random.default_rng(15)
+    nominal, box, hard, soft = programs(rng, 300, 1, 1)
+    plain = solve_batch(WEIGHT, nominal, box, hard).twist
+    row = soft[:, 0]
+    off = 10.0 ** rng.uniform(-16.0, -6.0, 300) * rng.choice([-1.0, 1.0], 300)
+    row[:, 2] = (row[:, :2] * plain).sum(axis=1) + off
+    answer = check_paper(WEIGHT, (nominal, box, hard, soft), penalty)
+    assert 0.2 < (answer.delta > 0.0).mean() < 0.8
+
+
+@pytest.mark.parametrize("kind", ["plain", "axes", "twins", "thin", "points", "broken"])
+def test_a_large_batch_is_its_pieces(kind):
+    """Large ones are looked through first and solved in another order: the bits are the same."""
+    arrays = programs(np.random.default_rng(16), 9000, 1, 1, kind)
+    whole = solve_batch(WEIGHT, *arrays)
+    paper = solve_batch_paper(WEIGHT, *arrays[:3], arrays[3][:, 0], 300.0)
+    for start in range(0, 9000, 3000):
+        piece = [array[start : start + 3000] for array in arrays]
+        for ours, theirs in zip(solve_batch(WEIGHT, *piece), whole, strict=True):
+            np.testing.assert_array_equal(ours, theirs[start : start + 3000])
+        alone = solve_batch_paper(WEIGHT, *piece[:3], piece[3][:, 0], 300.0)
+        for ours, theirs in zip(alone, paper, strict=True):
+            np.testing.assert_array_equal(ours, theirs[start : start + 3000])

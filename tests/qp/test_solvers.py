@@ -16,9 +16,11 @@ from clfcbf.qp import (
     SolverHealth,
     available_backends,
     get_backend,
+    solve_ladder,
     solve_qp,
 )
 from clfcbf.qp.backends._solver import Claim, SolverBackend
+from clfcbf.qp.backends._workspace import Loader
 from clfcbf.qp.conformance import cases
 from clfcbf.qp.lexicographic import BackendHealth
 from clfcbf.qp.verify import Duals, verify
@@ -282,3 +284,37 @@ def test_words_of_the_installed_solvers_are_known():
     words = {name for name in dir(clarabel.SolverStatus) if name[0].isupper()}
     assert set(ours._MEANINGS) <= words
     assert words - set(ours._MEANINGS) == {"Unsolved", "NumericalError", "CallbackTerminated"}
+
+
+def test_a_backend_is_a_name_or_an_object():
+    class Own:
+        name = "own"
+        capability = Capability()
+
+        def solve(self, problem, time_limit=None):
+            return get_backend("exact").solve(problem)
+
+    own = Own()
+    assert get_backend(own) is own
+    weight, box, rows = (1.0, 0.0, 0.3), (-0.1, 0.3, -0.2, 0.3), [(1.0, 1.0, 0.1)]
+    answer = solve_ladder(weight, (0.3, 0.2), box, (rows,), own)
+    assert answer.health.backend == "own"
+    assert answer.health.used
+    for junk in (None, 3, Own, object(), ["exact"]):
+        with pytest.raises(BackendError, match="needs name, capability and solve"):
+            get_backend(junk)
+
+
+def test_each_licence_is_named_once():
+    for name in NAMES:
+        licences = get_backend(name).capability.licence.split(" AND ")
+        assert len(set(licences)) == len(licences), name
+
+
+def test_the_first_program_is_set_up_and_the_others_update_it():
+    calls = []
+    load = Loader(lambda *a, **k: calls.append(("setup", a, k)), lambda *a: calls.append(a))
+    load(1, b=2)
+    load(3)
+    load(4)
+    assert calls == [("setup", (1,), {"b": 2}), (3,), (4,)]

@@ -120,10 +120,18 @@ def get_backend(backend: str | Backend) -> Backend:
 
     Raises
     ------
-    BackendError : no backend has that name; the message lists those that do
+    BackendError : no backend has that name, the message lists those that do; or the object lacks
+        a part of :class:`Backend`
     MissingExtraError : its package is not installed; the message names the extra
     """
-    return _named(backend) if isinstance(backend, str) else backend
+    if isinstance(backend, str):
+        return _named(backend)
+    if isinstance(backend, Backend) and not isinstance(backend, type):
+        return backend
+    raise BackendError(
+        f"not a backend: {backend!r}; it needs name, capability and solve, see clfcbf.qp.Backend, "
+        f"or is a name: {', '.join(available_backends())}"
+    )
 
 
 @functools.cache

@@ -14,7 +14,7 @@ import numpy as np
 
 from clfcbf.errors import BackendError, MissingExtraError
 from clfcbf.qp.backends import Capability
-from clfcbf.qp.polish import polish
+from clfcbf.qp.polish import is_exact, polish
 from clfcbf.qp.problem import Array, QpSolution, QpStatus, QuadraticProgram
 from clfcbf.qp.reduction import Form, reduce
 
@@ -70,14 +70,22 @@ class SolverBackend:
     ----------
     name, capability : see :class:`Backend`
     make : sets up a workspace for the shape of a form
+    direct : whether it ends by solving for the active rows itself, as active-set methods do; its
+        answer is then polished only where a condition of optimality fails. What others return
+        depends in its last bits on what went before, unless it always is
     """
 
     def __init__(
-        self, name: str, capability: Capability, make: Callable[[Form], Workspace]
+        self,
+        name: str,
+        capability: Capability,
+        make: Callable[[Form], Workspace],
+        direct: bool = False,
     ) -> None:
         self._name = name
         self._capability = capability
         self._make = make
+        self._direct = direct
         self._kept = threading.local()
 
     def __repr__(self) -> str:
@@ -116,7 +124,8 @@ class SolverBackend:
             return QpSolution(None, claim.status, self._name, message=claim.message)
         y, dual, status, message = claim.y, claim.dual, claim.status, claim.message
         moved = 0.0
-        polished = polish(form, y, dual)
+        done = self._direct and status.found and is_exact(form, y, dual)
+        polished = None if done else polish(form, y, dual)
         if polished is not None:
             moved = float(np.abs(polished[0] - y).max() / (1.0 + np.abs(polished[0]).max()))
             y, dual = polished

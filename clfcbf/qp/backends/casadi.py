@@ -57,6 +57,9 @@ _PLUGINS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 """Licence and options of each plugin that the wheel brings and that answers dense programs."""
 
+_DIRECT = frozenset({"daqp", "qrqp"})
+"""The active-set methods among them."""
+
 _FAR = 1e9
 """No bound, for IPQP, which gives NaN where a single side is finite; numbers are of order one."""
 
@@ -165,10 +168,9 @@ def create(name: str) -> SolverBackend:
     """The backend; ``name`` is one of :func:`names`."""
     require("casadi", "casadi", "solvers")
     plugin = name.partition("-")[2]
-    licence = "LGPL-3.0-or-later AND EPL-2.0"
+    solver = "EPL-2.0" if plugin == "ipopt" else _PLUGINS[plugin][0]
     make: Callable[[Form], Workspace] = _Ipopt
     if plugin != "ipopt":
-        licence = f"LGPL-3.0-or-later AND {_PLUGINS[plugin][0]}"
 
         def make(form: Form) -> Workspace:
             return _Conic(plugin, form)
@@ -176,8 +178,8 @@ def create(name: str) -> SolverBackend:
     capability = Capability(
         semidefinite=plugin != "daqp",  # where its own package regularises, the plugin errs
         package="casadi",
-        licence=licence,
+        licence=" AND ".join(dict.fromkeys(("LGPL-3.0-or-later", solver))),  # each name once
         extra="solvers",
         time_limit=plugin == "ipopt",
     )
-    return SolverBackend(name, capability, make)
+    return SolverBackend(name, capability, make, direct=plugin in _DIRECT)

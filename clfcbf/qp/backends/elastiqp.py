@@ -71,4 +71,4 @@ def create(name: str) -> SolverBackend:
     """The backend; ``name`` is one of :func:`names`."""
     require("elastiqp", name, "bench")
     capability = Capability(package="elastiqp", licence="Apache-2.0", extra="bench")
-    return SolverBackend(name, capability, _Workspace)
+    return SolverBackend(name, capability, _Workspace, direct=True)

@@ -16,7 +16,8 @@ from clfcbf.qp.backends._solver import (
     statuses,
     undisturbed,
 )
-from clfcbf.qp.problem import QpStatus
+from clfcbf.qp.backends._workspace import Loader, finite_sides
+from clfcbf.qp.problem import Array, QpStatus
 from clfcbf.qp.reduction import Form
 
 __all__ = ["create", "installed", "names"]
@@ -54,22 +55,25 @@ class _Workspace:
             import osqp
             from scipy import sparse
 
-        n, k = form.q.size, form.lower.size
-        # Every entry is part of the pattern, a zero too: another program may need it.
-        self._triangle = np.triu_indices(n)
-        columns = self._triangle[1].argsort(kind="stable")
-        self._triangle = (self._triangle[0][columns], self._triangle[1][columns])
-        starts = np.cumsum(np.arange(n + 1))
-        P = sparse.csc_matrix((form.P[self._triangle], self._triangle[0], starts), shape=(n, n))
-        rows = np.tile(np.arange(k), n)
-        A = sparse.csc_matrix((form.C.T.ravel(), rows, np.arange(n + 1) * k), shape=(k, n))
-        self._fresh = True
+        rows, columns = np.triu_indices(form.q.size)
+        order = columns.argsort(kind="stable")
+        self._triangle = rows[order], columns[order]
+        self._matrix = sparse.csc_matrix
+        self._warm_start = warm_start
         self._solver: Any = osqp.OSQP()
+        self._load = Loader(self._setup, self._solver.update)
+
+    def _setup(self, q: Array, l: Array, u: Array, Px: Array, Ax: Array) -> None:  # noqa: E741
+        n, k = q.size, l.size
+        # Every entry is part of the pattern, a zero too: another program may need it.
+        triangle = Px, self._triangle[0], np.cumsum(np.arange(n + 1))
+        full = Ax, np.tile(np.arange(k), n), np.arange(n + 1) * k
         self._solver.setup(
-            P,
-            form.q,
-            A,
-            *_bounds(form),
+            self._matrix(triangle, shape=(n, n)),
+            q,
+            self._matrix(full, shape=(k, n)),
+            l,
+            u,
             verbose=False,
             eps_abs=_TOLERANCE,
             eps_rel=0.0,
@@ -79,27 +83,19 @@ class _Workspace:
             scaling=0,  # the form is scaled
             polishing=False,  # ours is better, and this one prints
             check_dualgap=True,
-            warm_starting=warm_start,
+            warm_starting=self._warm_start,
             adaptive_rho_interval=25,  # by iterations, not by the clock: runs repeat
         )
 
     def solve(self, form: Form, time_limit: float | None) -> Claim:
-        if not self._fresh:
-            lower, upper = _bounds(form)
-            self._solver.update(
-                q=form.q, l=lower, u=upper, Px=form.P[self._triangle], Ax=form.C.T.ravel()
-            )
-        self._fresh = False
+        lower, upper = finite_sides(form, _NO_BOUND)
+        self._load(q=form.q, l=lower, u=upper, Px=form.P[self._triangle], Ax=form.C.T.ravel())
         self._solver.update_settings(time_limit=1e10 if time_limit is None else time_limit)
         answer = self._solver.solve(raise_error=False)
         status, message = statuses(_MEANINGS, answer.info.status)
         if answer.x is None:
             return Claim(status, message=message)
         return Claim(status, np.array(answer.x), np.array(answer.y), message)
-
-
-def _bounds(form: Form) -> tuple[Any, Any]:
-    return np.maximum(form.lower, -_NO_BOUND), np.minimum(form.upper, _NO_BOUND)
 
 
 def names() -> tuple[str, ...]:

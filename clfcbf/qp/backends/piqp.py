@@ -8,6 +8,7 @@ import numpy as np
 
 from clfcbf.qp.backends import Capability
 from clfcbf.qp.backends._solver import Claim, SolverBackend, is_installed, require, statuses
+from clfcbf.qp.backends._workspace import Loader, finite_sides, tighten
 from clfcbf.qp.problem import QpStatus
 from clfcbf.qp.reduction import Form
 
@@ -36,34 +37,22 @@ class _Workspace:
     def __init__(self, form: Form) -> None:
         import piqp
 
-        self._fresh = True
         self._solver: Any = piqp.DenseSolver()
-        settings = self._solver.settings
-        settings.verbose = False
-        settings.eps_abs = _TOLERANCE
-        settings.eps_rel = 0.0
-        settings.check_duality_gap = True
-        settings.eps_duality_gap_abs = _TOLERANCE
-        settings.eps_duality_gap_rel = 0.0
-        settings.eps_primal_inf = _INFEASIBLE
-        settings.eps_dual_inf = _INFEASIBLE
+        tighten(self._solver.settings, _TOLERANCE, _INFEASIBLE)
+        self._load = Loader(self._solver.setup, self._solver.update)
 
     def solve(self, form: Form, time_limit: float | None) -> Claim:
         equal = form.equal
-        data = {
-            "P": np.asfortranarray(form.P),
-            "c": form.q,
-            "A": np.asfortranarray(form.C[:equal]),
-            "b": form.lower[:equal],
-            "G": np.asfortranarray(form.C[equal:]),
-            "h_l": np.maximum(form.lower[equal:], -_NO_BOUND),
-            "h_u": np.minimum(form.upper[equal:], _NO_BOUND),
-        }
-        if self._fresh:
-            self._solver.setup(**data)
-        else:
-            self._solver.update(**data)
-        self._fresh = False
+        lower, upper = finite_sides(form, _NO_BOUND, equal)
+        self._load(
+            P=np.asfortranarray(form.P),
+            c=form.q,
+            A=np.asfortranarray(form.C[:equal]),
+            b=form.lower[:equal],
+            G=np.asfortranarray(form.C[equal:]),
+            h_l=lower,
+            h_u=upper,
+        )
         status, message = statuses(_MEANINGS, self._solver.solve())
         result = self._solver.result
         dual = np.concatenate((result.y, result.z_u - result.z_l))

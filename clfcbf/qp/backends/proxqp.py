@@ -16,6 +16,7 @@ from clfcbf.qp.backends._solver import (
     statuses,
     undisturbed,
 )
+from clfcbf.qp.backends._workspace import Loader, finite_sides, tighten
 from clfcbf.qp.problem import QpStatus
 from clfcbf.qp.reduction import Form
 
@@ -51,42 +52,24 @@ class _Workspace:
             from proxsuite import proxqp
 
         n, k, equal = form.q.size, form.lower.size, form.equal
-        self._fresh = True
         self._solver: Any = proxqp.dense.QP(n, equal, k - equal)
         settings = self._solver.settings
-        settings.verbose = False
+        tighten(settings, _TOLERANCE, _INFEASIBLE)
         settings.max_iter = _ITERATIONS
-        settings.eps_abs = _TOLERANCE
-        settings.eps_rel = 0.0
-        settings.check_duality_gap = True
-        settings.eps_duality_gap_abs = _TOLERANCE
-        settings.eps_duality_gap_rel = 0.0
-        settings.eps_primal_inf = _INFEASIBLE
-        settings.eps_dual_inf = _INFEASIBLE
         guesses = proxqp.InitialGuess
         settings.initial_guess = (
             guesses.WARM_START_WITH_PREVIOUS_RESULT
             if warm_start
             else guesses.EQUALITY_CONSTRAINED_INITIAL_GUESS
         )
+        self._load = Loader(
+            self._solver.init, partial(self._solver.update, update_preconditioner=True)
+        )
 
     def solve(self, form: Form, time_limit: float | None) -> Claim:
         equal = form.equal
-        lower, upper = form.lower[equal:], form.upper[equal:]
-        data = (
-            form.P,
-            form.q,
-            form.C[:equal],
-            form.lower[:equal],
-            form.C[equal:],
-            np.maximum(lower, -_NO_BOUND),
-            np.minimum(upper, _NO_BOUND),
-        )
-        if self._fresh:
-            self._solver.init(*data)
-        else:
-            self._solver.update(*data, update_preconditioner=True)
-        self._fresh = False
+        lower, upper = finite_sides(form, _NO_BOUND, equal)
+        self._load(form.P, form.q, form.C[:equal], form.lower[:equal], form.C[equal:], lower, upper)
         self._solver.solve()
         results = self._solver.results
         status, message = statuses(_MEANINGS, results.info.status)

@@ -66,6 +66,9 @@ _SOLVERS: dict[str, tuple[str, str, _Options]] = {
 """Module, licence and options of the solvers that were measured to agree with 'exact'. Others are
 made when asked for by name and not listed: qpax and jaxopt_osqp take half a second a solve."""
 
+_DIRECT = frozenset({"daqp", "pyqpmad", "quadprog"})
+"""The active-set methods among them."""
+
 _DEFINITE = frozenset({"pyqpmad", "quadprog"})
 """Those that factorise P."""
 
@@ -139,4 +142,5 @@ def create(name: str) -> SolverBackend:
         licence=f"LGPL-3.0-or-later AND {licence}",
         semidefinite=bool(module) and solver not in _DEFINITE,
     )
-    return SolverBackend(name, capability, partial(_Workspace, solver, options))
+    make = partial(_Workspace, solver, options)
+    return SolverBackend(name, capability, make, direct=solver in _DIRECT)

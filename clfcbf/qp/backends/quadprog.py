@@ -56,4 +56,4 @@ def create(name: str) -> SolverBackend:
     capability = Capability(
         semidefinite=False, package="quadprog", licence="GPL-2.0-or-later", extra="gpl"
     )
-    return SolverBackend(name, capability, _Workspace)
+    return SolverBackend(name, capability, _Workspace, direct=True)
