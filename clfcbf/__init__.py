@@ -2,8 +2,15 @@
 
 from clfcbf.batch import BatchDecision, BatchState, filter_batch
 from clfcbf.camera import FieldOfView
-from clfcbf.constraints.barrier import Barrier
+from clfcbf.constraints.barrier import Barrier, Sweep
+from clfcbf.constraints.budget import ErrorBounds, error_budget
+from clfcbf.constraints.capsule import Capsule
 from clfcbf.constraints.cbf import FieldOfViewBarrier
+from clfcbf.constraints.obstacle_set import Disc, Obstacles, Wall
+from clfcbf.constraints.obstacles import Frame, ObstacleBarrier
+from clfcbf.constraints.range_band import RangeBarrier
+from clfcbf.constraints.robust import margin_of
+from clfcbf.constraints.view import ViewBarrier
 from clfcbf.controller import DockingController, TrackingController
 from clfcbf.decision import Decision, Phase, Status
 from clfcbf.errors import (
@@ -30,18 +37,24 @@ __all__ = [
     "Barrier",
     "BatchDecision",
     "BatchState",
+    "Capsule",
     "Chassis",
     "ClfcbfError",
     "ConfigurationError",
     "Decision",
+    "Disc",
     "DockingController",
+    "ErrorBounds",
     "FieldOfView",
     "FieldOfViewBarrier",
+    "Frame",
     "GeometryError",
     "Limits",
     "LimitsError",
     "MissingExtraError",
     "Observation",
+    "ObstacleBarrier",
+    "Obstacles",
     "Phase",
     "Plan",
     "Planner",
@@ -50,16 +63,22 @@ __all__ = [
     "QpSolution",
     "QpStatus",
     "QuadraticProgram",
+    "RangeBarrier",
     "Reference",
     "SafetyFilter",
     "Scene",
     "Status",
+    "Sweep",
     "TargetSensor",
     "TrackingController",
     "Twist",
+    "ViewBarrier",
+    "Wall",
     "arc",
     "available_backends",
+    "error_budget",
     "filter_batch",
+    "margin_of",
     "plan_approach",
     "solve_qp",
     "wrap_angle",
