@@ -12,7 +12,7 @@ from clfcbf.constraints.range_band import RangeBarrier
 from clfcbf.constraints.robust import margin_of
 from clfcbf.constraints.view import ViewBarrier
 from clfcbf.controller import DockingController, TrackingController
-from clfcbf.decision import Decision, Phase, Status
+from clfcbf.decision import Decision, Event, Failure, Phase, Status
 from clfcbf.errors import (
     BackendError,
     ClfcbfError,
@@ -45,6 +45,8 @@ __all__ = [
     "Disc",
     "DockingController",
     "ErrorBounds",
+    "Event",
+    "Failure",
     "FieldOfView",
     "FieldOfViewBarrier",
     "Frame",

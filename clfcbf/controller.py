@@ -22,9 +22,10 @@ from clfcbf.docking import DockingConfig, DockingInputs, DockingState, docking_t
 from clfcbf.errors import ConfigurationError
 from clfcbf.laws.kanayama import Kanayama
 from clfcbf.limits import Limits, check_period
+from clfcbf.qp import Backend
 from clfcbf.safety_filter import as_barriers
 from clfcbf.scene import Observation, Reference, Scene
-from clfcbf.se2 import Twist, is_finite
+from clfcbf.se2 import Twist
 from clfcbf.tick import (
     Begun,
     FilterConfig,
@@ -70,12 +71,16 @@ class TrackingInputs(NamedTuple):
 
 
 def tracking_tick(
-    config: TrackingConfig, state: FilterState, inputs: TrackingInputs, now: float
+    config: TrackingConfig,
+    state: FilterState,
+    inputs: TrackingInputs,
+    now: float,
+    since: float | None = None,
 ) -> tuple[Decision, FilterState]:
-    """One tick of the tracking controller as a pure function."""
+    """One tick of the controller as a pure function, but for the timing if ``since`` is given."""
     reference, scene, applied = inputs
     base = config.filter
-    begun = begin(base, state, applied, now)
+    begun = begin(base, state, applied, now, since)
     if begun.fault is not None:
         return stop(begun, begun.fault, base)
     try:
@@ -91,12 +96,14 @@ def _tracked(
     motion = motion_to_now(base, begun, scene)
     if isinstance(motion, Status):
         return stop(begun, motion, base)
-    if not is_finite((*reference.pose, *reference.twist)):
+    pose, twist = reference
+    total = sum(pose) + sum(twist)
+    if total - total != 0.0:  # NaN and infinity alike
         return stop(begun, Status.INVALID_INPUT, base)
     ahead = motion.moved(begun.reckoning.body, base.lag)
-    error = ahead.relative(reference.pose)
-    nominal = begun.box.clip(config.law.command(error, reference.twist))
-    row = witnessed_clf(error, reference.twist, config.law, config.fraction, nominal)
+    error = ahead.relative(pose)
+    nominal = begun.box.clip(config.law.command(error, twist))
+    row = witnessed_clf(error, twist, config.law, config.fraction, nominal)
     return finish(base, begun, nominal, scene, motion, ahead, (row,))
 
 
@@ -111,7 +118,7 @@ class TrackingController:
         limits: Limits,
         barriers: Sequence[Barrier | FieldOfView],
         period: float,
-        backend: str = "exact",
+        backend: str | Backend = "exact",
         *,
         law: Kanayama | None = None,
         fraction: float = defaults.CLF_FRACTION,
@@ -135,11 +142,10 @@ class TrackingController:
         applied : the command the chassis last accepted, never odometry
         now : time [s], on the clock of the stamps
         """
-        begun = time.perf_counter()
-        decision, self.state = tracking_tick(
-            self.config, self.state, TrackingInputs(reference, scene, applied), now
-        )
-        return decision.timed(time.perf_counter() - begun)
+        since = time.perf_counter()
+        inputs = tuple.__new__(TrackingInputs, (reference, scene, applied))
+        decision, self.state = tracking_tick(self.config, self.state, inputs, now, since)
+        return decision
 
 
 class DockingController:
@@ -154,7 +160,7 @@ class DockingController:
     camera : camera and field of view that the feature has to stay in
     standoff : distance from the goal to the feature straight ahead of it [m]
     period : of the control loop [s]
-    backend : name of a QP backend
+    backend : a QP backend, by name or one of your own
     lag : first-order lag of the body, as identified [s]
     barriers : more barriers, beside the camera's
     options : any field of :class:`DockingConfig`
@@ -176,7 +182,7 @@ class DockingController:
         camera: FieldOfView,
         standoff: float,
         period: float,
-        backend: str = "exact",
+        backend: str | Backend = "exact",
         *,
         weight: tuple[float, float, float] = defaults.QP_WEIGHT,
         lag: float = 0.0,
@@ -218,5 +224,6 @@ class DockingController:
 
     def _begin_task(self, undock: float) -> None:
         self.state = self.state._replace(
-            legs=(), undock=undock, phase=Phase.WAITING, reason="", attempts=0, unseen=0.0
-        )
+            legs=(), undock=undock, phase=Phase.WAITING, reason="", attempts=0, unseen=0.0,
+            failure=None,
+        )  # fmt: skip

@@ -28,13 +28,13 @@ GUARD_LAG = 0.28
 that the stamps do not tell."""
 
 VIEW_MARGIN = math.radians(3.0)
-"""[rad] Declared margin of the field of view. A long search gains 1.1° by a bearing error of 1°,
-1.1° by a lag of 0.25 s where 0.12 s is modelled, 0.6° by slip in 220 ms of dead reckoning, 0.05°
-by range, and nothing by latency; all of them together, close to the feature, up to 5.0°, which
-this does not cover (see benchmarks.falsify). It costs no time in R1, R3 and R4."""
+"""[rad] By which the edges of the view are turned in, see :meth:`FieldOfView.eroded`. A bearing
+error of 1° takes a third of it; lag, stamps and slip share the rest."""
 
 VIEW_SETBACK = 0.02
-"""[m] """
+"""[m] By which they are moved in: near the feature a centimetre is worth 2°. With both the
+adversary of ``benchmarks.falsify`` leaves 1° at least; what is proved for the worst of everything
+at once is :func:`clfcbf.error_budget`, 4.7° and 74 mm, which costs 4 to 12 % of time."""
 
 # The path-following law -------------------------------------------------------------------------
 
@@ -74,8 +74,8 @@ PLAN_ACCELERATION = 0.9
 """Share of both accelerations that a plan uses."""
 
 PLAN_EDGE = math.radians(3.75)
-"""[rad] From the camera's edge to the edge that a plan rides: the guard's margin and 0.75° to
-spare for its look-ahead along an arc, which leaves the spiral by 0.4°."""
+"""[rad] From the camera's edge, moved in by the setback, to the edge that a plan rides: the guard's
+margin and 0.75° to spare for its look-ahead along an arc, which leaves the spiral by 0.4°."""
 
 PLAN_CURVES = 10
 """Terminal curves to each side: turns that end 0.25 s apart."""
@@ -115,8 +115,8 @@ FIRST_LOOKS = 2
 PATIENCE = 2.0
 """[s] Longest dead reckoning: at 1 % slip and 0.22 m/s the target moves by 5 mm in it."""
 
-GIVE_UP = 7.0
-"""[s] Without a measurement for so long the target is lost."""
+GIVE_UP = 12.0
+"""[s] Without a measurement: 2 s of dead reckoning, a stop, and 9 s for the longest search."""
 
 ATTEMPTS = 8
 """Plans before it gives up; one is the rule, two where it has to back off."""
@@ -138,6 +138,50 @@ PAPER_STRETCHES = (1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 6.0, 8.0)
 
 PAPER_WAIT = 5.0
 """[s] After the end of the paper's trajectory, for its tracker to catch up."""
+
+# Loss and recovery ------------------------------------------------------------------------------
+
+BLIND_TIME = 0.3
+"""[s] Without a measurement for so long it is more than latency and a few drop-outs."""
+
+WATCHDOG = 0.5
+"""[s] Longest time for which a chassis is believed to hold a command that is not renewed: 15
+periods at 30 Hz. At 0.22 m/s it then has driven 0.11 m, and stops within another 0.11 m."""
+
+RECOVERY_NEAR = 0.5
+"""[m] From the goal: an error found later than here may be too late to be removed on the way."""
+
+RECOVERY_SIGMAS = 2.0
+"""Standard deviations that have to be within the tolerance, 95 % of a normal error."""
+
+RECOVERY_ALONG = 0.010
+"""[m] Tolerance along the goal's axis and ..."""
+
+RECOVERY_TURNED = math.radians(2.0)
+"""[rad] ... of the heading: the strict ones. That of the lateral error is the controller's."""
+
+RECOVERY_GROWN = 2.0
+"""Growth of a variance since the last look above which dead reckoning is to blame for it, not
+the sensor: a poor sensor is not helped by waiting for it."""
+
+RECOVERY_FACING = math.radians(5.0)
+"""[rad] Bearing at which a lost target counts as looked at: a tenth of a usual view."""
+
+RECOVERY_LOOK = 0.5
+"""[s] A look at rest: three times the longest latency met so far."""
+
+RECOVERY_BEYOND = 0.1
+"""[m] Further back than where the target was last seen: latency at full speed, and as much again
+to be clear of whatever hides it."""
+
+RETRACE = 0.7
+"""[m] Longest way back: what is driven blind in 2 s and in a stop at 0.22 m/s, and
+``RECOVERY_BEYOND``."""
+
+RETRACE_SPEED = 0.15
+"""[m/s] Of the way back, at most: nobody behind the robot expects it; 8 cm to stop."""
+
+# The estimate ------------------------------------------------------------------------------------
 
 NOISE = NoiseModel(
     sigma_xy=0.008,

@@ -53,6 +53,9 @@ _ADMITTED, _OPTIMAL, _CLOCK_ERROR = Verdict.ADMITTED, Status.OPTIMAL, Status.CLO
 _LATE = 1.5
 """Periods after which the last command counts as held for too long."""
 
+_LATEST = 1e15
+"""[s] No clock shows more: 30 million years. Differences of such times are still finite."""
+
 _ABSURD = 1e2
 """[m/s, rad/s] So far beyond the limits a command in force is a wrong unit or worse: the answer
 still moves from it at the acceleration limit, but the robot is not believed to follow it."""
@@ -172,7 +175,7 @@ def begin(
     followed = applied
     if total > _ABSURD and not limits.contains(applied, _ABSURD):
         followed, fault = sent, Status.INVALID_INPUT
-    ticking = isinstance(now, (int, float)) and now - now == 0.0
+    ticking = isinstance(now, (int, float)) and -_LATEST < now < _LATEST
     late = False
     if reckoning is None:
         reckoning = DeadReckoning(now if ticking else 0.0, _ORIGIN, followed)
@@ -264,7 +267,8 @@ def finish(
             status = Status.BARRIER_RELAXED
     decision = _new(Decision, (
         twist, status, certified, nominal, clearance, slack, barrier_slack, blocks, box,
-        False, None, "", config.weight, answer, verdict, config.limits, _timing(since),
+        False, None, "", config.weight, answer, verdict, config.limits, (), None,
+        _timing(since),
     ))  # fmt: skip
     return decision, _new(FilterState, (reckoning, brake, twist))
 

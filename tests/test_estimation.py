@@ -1,3 +1,4 @@
+import itertools
 import math
 
 import numpy as np
@@ -91,9 +92,11 @@ def test_the_memory_is_bounded_and_asking_beyond_it_gives_the_oldest():
     reckoning = DeadReckoning(0.0, ORIGIN, REST)
     for k in range(1, 200):
         reckoning = advance(reckoning, Twist(0.1, 0.0), k / 30, 0.0, memory=1.0)
-    assert len(reckoning.past) <= 32
-    assert reckoning.past[0][0] <= reckoning.time - 1.0
-    assert reckoned(reckoning, -5.0) == reckoning.past[0][1]
+    instants = reckoning.instants
+    assert len(instants) <= 31 + 16
+    assert instants[0][0] <= reckoning.time - 1.0
+    assert all(earlier[0] < later[0] for earlier, later in itertools.pairwise(instants))
+    assert reckoned(reckoning, -5.0) == instants[0][1]
     assert reckoned(reckoning, 1e9) == reckoning.pose
 
 

@@ -1,4 +1,5 @@
 import math
+from fractions import Fraction
 
 import pytest
 from hypothesis import assume, given
@@ -6,7 +7,7 @@ from hypothesis import strategies as st
 
 from clfcbf.camera import FieldOfView
 from clfcbf.errors import ConfigurationError, GeometryError, LimitsError
-from clfcbf.limits import Limits, check_period
+from clfcbf.limits import InputBox, Limits, check_period
 from clfcbf.se2 import Pose2, Twist
 from tests.strategies import limits, periods, twists
 
@@ -68,6 +69,114 @@ def test_clip_is_the_nearest_point(limits, applied, period):
     clipped = box.clip(Twist(9.0, -9.0))
     assert clipped == Twist(box.v_hi, box.w_lo)
     assert box.contains(clipped)
+
+
+speeds = st.floats(-3.0, 3.0)
+wide_twists = st.builds(Twist, speeds, speeds)
+boxes = st.builds(
+    lambda v, dv, w, dw: InputBox(v, v + dv, w, w + dw),
+    speeds,
+    st.floats(0.0, 2.0),
+    speeds,
+    st.floats(0.0, 2.0),
+)
+
+
+@given(boxes, wide_twists)
+def test_clip_moves_each_coordinate_to_the_nearer_end(box, twist):
+    expected = (
+        min(max(twist.v, box.v_lo), box.v_hi),
+        min(max(twist.omega, box.w_lo), box.w_hi),
+    )
+    clipped = box.clip(twist)
+    assert clipped == Twist(*expected)
+    assert isinstance(clipped, Twist)
+    assert box.contains(clipped)
+    assert box.clip(clipped) == clipped
+
+
+@given(boxes, wide_twists, st.floats(0.0, 1.0))
+def test_a_box_contains_what_is_no_further_than_the_tolerance(box, twist, tolerance):
+    (v, w), (v_lo, v_hi, w_lo, w_hi) = twist, box
+    distance = max(v_lo - v, v - v_hi, w_lo - w, w - w_hi)
+    assume(abs(distance - tolerance) > 1e-12)
+    assert box.contains(twist, tolerance) == (distance < tolerance)
+
+
+def test_the_corners_of_a_box_are_in_it():
+    box = InputBox(-0.25, 0.5, -1.0, 0.125)
+    for v in (box.v_lo, box.v_hi):
+        for w in (box.w_lo, box.w_hi):
+            assert box.contains(Twist(v, w))
+    for outside in (Twist(-0.5, 0.0), Twist(1.0, 0.0), Twist(0.0, -2.0), Twist(0.0, 1.0)):
+        assert not box.contains(outside)
+        assert not box.contains(outside, 0.1)
+
+
+@given(limits, wide_twists, st.floats(0.0, 1.0))
+def test_speed_limits_contain_what_is_no_further_than_the_tolerance(limits, twist, tolerance):
+    v, w = twist
+    distance = max(limits.reverse_speed - v, v - limits.v_max, abs(w) - limits.omega_max)
+    assume(abs(distance - tolerance) > 1e-12)
+    assert limits.contains(twist, tolerance) == (distance < tolerance)
+
+
+def test_the_ends_of_the_speed_limits_are_within_them():
+    limits = Limits(0.5, 0.75, 1.0, 1.0, v_min=-0.25)
+    for v in (-0.25, 0.5):
+        for w in (-0.75, 0.75):
+            assert limits.contains(Twist(v, w))
+    assert limits.contains(Twist(0.625, -0.875), 0.125)
+    assert limits.contains(Twist(-0.375, 0.875), 0.125)
+
+
+@given(limits, wide_twists, periods)
+def test_the_input_box_is_the_nearest_to_the_speed_limits(limits, applied, period):
+    """Each end is the end of the acceleration box, brought as near to the limits as it allows."""
+    dv, dw = limits.a_max * period, limits.alpha_max * period
+    box = limits.input_box(applied, period)
+    for (lo, hi), centre, reach, (least, most) in (
+        ((box.v_lo, box.v_hi), applied.v, dv, (limits.reverse_speed, limits.v_max)),
+        ((box.w_lo, box.w_hi), applied.omega, dw, (-limits.omega_max, limits.omega_max)),
+    ):
+        inner, outer = centre - reach, centre + reach
+        assert lo == min(max(inner, least), outer) if inner <= most else lo == inner
+        assert hi == max(min(outer, most), inner) if outer >= least else hi == outer
+
+
+@given(limits, wide_twists, periods)
+def test_ticks_of_a_brake_are_the_fewest_that_suffice(limits, twist, period):
+    """In rational arithmetic, to the rounding of one division."""
+    ticks = limits.brake_ticks(twist, period)
+    needed = max(
+        Fraction(abs(twist.v)) / (Fraction(limits.a_max) * Fraction(period)),
+        Fraction(abs(twist.omega)) / (Fraction(limits.alpha_max) * Fraction(period)),
+    )
+    assert isinstance(ticks, int)
+    assert needed * (1 - Fraction(1, 10**14)) <= ticks < needed * (1 + Fraction(1, 10**14)) + 1
+
+
+def test_ticks_of_an_absurd_twist_are_bounded():
+    limits = Limits(1.0, 1.0, 1.0, 1.0)
+    assert limits.brake_ticks(Twist(-1e300, 0.0), 0.1) == 1_000_000_000
+    assert limits.brake_ticks(Twist(0.0, math.inf), 0.1) == 1_000_000_000
+
+
+@given(limits, periods)
+def test_the_horizon_is_that_of_the_fastest_command(limits, period):
+    """Forward or backward, whichever is faster, while turning at the limit."""
+    fastest = max(
+        limits.brake_ticks(Twist(v, w), period)
+        for v in (limits.v_max, limits.reverse_speed)
+        for w in (limits.omega_max, -limits.omega_max)
+    )
+    expected = period * (fastest + 1) / 2
+    assert limits.brake_horizon(period) == pytest.approx(expected, rel=1e-15)
+
+
+def test_settings_at_the_ends_of_their_ranges():
+    assert Limits(1.0, 1.0, 1.0, 1.0, v_min=-0.0).reverse_speed == 0.0
+    assert check_period(0.25) == 0.25
 
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf])

@@ -134,3 +134,38 @@ def test_moved_is_the_arc_composed(pose, twist, duration):
     np.testing.assert_allclose(
         matrix(pose.moved(twist, duration)), matrix(pose.compose(arc(twist, duration))), atol=1e-12
     )
+
+
+@given(poses, poses, twists, st.floats(-40.0, 40.0))
+def test_every_heading_is_wrapped(a, b, twist, duration):
+    moved = (a.moved(twist, duration), arc(twist, duration))
+    for pose in (a.compose(b), a.relative(b), a.inverse(), *moved):
+        assert -math.pi < pose.theta <= math.pi
+
+
+def test_straight_back_has_one_name():
+    """Minus pi, which no wrapped angle is, becomes pi on every way."""
+    here, back = Pose2(0.0, 0.0, 0.0), Pose2(0.0, 0.0, -math.pi)
+    rest, about = Twist(0.0, 0.0), Twist(0.0, -math.pi)
+    for pose in (
+        back.compose(here),
+        here.relative(back),
+        back.inverse(),
+        back.moved(rest, 1.0),
+        here.moved(about, 1.0),
+        arc(about, 1.0),
+    ):
+        assert pose.theta == math.pi
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_headings_beyond_half_a_turn_come_back_from_the_other_side(sign):
+    two, rest = sign * 2.0, Twist(0.0, 0.0)
+    expected = pytest.approx(sign * (4.0 - 2.0 * math.pi), abs=1e-15)
+    start = Pose2(0.0, 0.0, two)
+    assert start.compose(start).theta == expected
+    assert Pose2(0.0, 0.0, -two).relative(start).theta == expected
+    assert start.moved(Twist(0.0, two), 1.0).theta == expected
+    assert arc(Twist(0.0, two), 2.0).theta == expected
+    assert wrap_angle(2.0 * two) == expected
+    assert start.moved(rest, 1.0) == start
