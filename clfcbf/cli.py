@@ -11,16 +11,19 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
-from clfcbf import defaults, doctor, explain, plots, report
+from clfcbf import config, defaults, doctor, explain, plots, report
 from clfcbf.errors import ClfcbfError, ConfigurationError, MissingExtraError
 from clfcbf.simulation import campaign
 from clfcbf.simulation.campaign import EpisodeSpec
 from clfcbf.simulation.scenarios import World, limits_named, region_named
 
 __all__ = [
-    "COMMANDS", "Approach", "Command", "Doctor", "Explain", "approach", "main", "usable_cores",
+    "COMMANDS", "Approach", "Check", "Command", "Doctor", "Explain", "approach", "main",
+    "usable_cores",
 ]  # fmt: skip
 
+FOUND_WRONG = 1
+"""Exit status where a file was read and what it says is wrong."""
 USAGE_ERROR = 2
 """Exit status where the command was wrong or cannot run here, as argument parsers have it."""
 INTERRUPTED = 130
@@ -53,7 +56,9 @@ class Approach:
     seed: int = 0
     """Seed of the campaign: starts, bodies and sensor noise follow from it."""
     region: str = "R1"
-    """Where runs start: R1 (the paper's region), R3 (close) or R4 (close and to the side)."""
+    """Where runs start: R1 (the paper's region), R2 (with little of the board in view), R3 (close),
+    R4 (close and to the side), R5 (so close that it has to reverse), R6 (the docking stage), R7
+    (with a camera of 50°) or R8 (the target is nudged on the way)."""
     controller: str = "clf-cbf"
     """clf-cbf, or paper for the published method."""
     plant: str = "mujoco"
@@ -156,7 +161,42 @@ class Doctor:
         return 0
 
 
-COMMANDS: dict[str, type[Command]] = {"approach": Approach, "doctor": Doctor, "explain": Explain}
+@dataclass(frozen=True, slots=True)
+class Check:
+    """Say what is wrong with a robot's configuration, and what is risky; or print a template.
+
+    The exit status is 0 where nothing is wrong, 1 where something is, and 2 where the file cannot
+    be taken as a configuration at all.
+    """
+
+    file: Path | None = None
+    """The configuration, a TOML file."""
+    template: bool = False
+    """Print a configuration with every key, what it means and its default, and do nothing else."""
+
+    def run(self) -> int:
+        """Read, look, build the controller, print what was found."""
+        if self.template:
+            _print(config.template().rstrip())
+            return 0
+        if self.file is None:
+            raise ConfigurationError("give a configuration to check, or --template for a new one")
+        read = config.read_config(self.file)
+        found = config.findings(read)
+        wrong = sum(finding.severity is config.Severity.WRONG for finding in found)
+        if not wrong:
+            try:
+                read.controller()
+            except ClfcbfError as error:
+                raise ConfigurationError(f"{self.file}: {error}") from error
+        lines = [str(finding) for finding in found]
+        _print("\n".join([*lines, f"{self.file}: {wrong} wrong, {len(found) - wrong} risky"]))
+        return FOUND_WRONG if wrong else 0
+
+
+COMMANDS: dict[str, type[Command]] = {
+    "approach": Approach, "check": Check, "doctor": Doctor, "explain": Explain,
+}  # fmt: skip
 """Subcommands by name; a further one is one line."""
 
 
@@ -261,7 +301,15 @@ def _parsed(argv: Sequence[str] | None) -> Command:
                 return one_word(kind, metavar)
         return None
 
-    commands: dict[str, Callable[..., Any]] = dict(COMMANDS)
+    def check(file: Path | None = None, /, *, template: bool = False) -> Check:
+        return Check(file, template)  # its file is an argument, and may be left out
+
+    check.__doc__ = f"""{Check.__doc__}
+    Args:
+        file: The configuration, a TOML file.
+        template: Print a configuration with every key, what it means and its default.
+    """
+    commands: dict[str, Callable[..., Any]] = {**COMMANDS, "check": check}
     command: Command = tyro.extras.subcommand_cli_from_dict(
         commands,
         prog="clfcbf",
