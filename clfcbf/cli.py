@@ -64,9 +64,11 @@ class Approach:
     plant: str = "mujoco"
     """mujoco, with wheels and contact, or kinematic, exact arcs."""
     sensor: str = "A"
-    """ideal, A (white noise), B (A and a calibration error) or C (A and a bias by distance)."""
-    limits: str = "approaching"
-    """Speed limits of the stage: approaching (0.22 m/s, 0.4 rad/s) or docking (0.35, 0.25)."""
+    """ideal, A (white noise), B (A and a calibration error) or C (A and a bias by distance); with
+    depth- before it, a depth camera that sees the board and fits it, errors by geometry."""
+    limits: str = ""
+    """Speed limits of the stage: approaching (0.22 m/s, 0.4 rad/s) or docking (0.35, 0.25); those
+    of the region if none are given."""
     ideal: bool = False
     """No lag, no slip, no sensor noise, no latency."""
     backend: str = "exact"
@@ -92,13 +94,14 @@ class Approach:
     @property
     def heading(self) -> str:
         """What is run, in three lines."""
-        limits = limits_named(self.limits)
+        stage = self.limits or region_named(self.region).limits
+        limits = limits_named(stage)
         sensor = "ideal sensor and body" if self.ideal else f"sensor {self.sensor}"
         return (
             f"{self.poses} runs from {self.region} ({region_named(self.region).about}), "
             f"seed {self.seed}\n"
             f"controller {self.controller}, backend {self.backend}, plant {self.plant}, {sensor}\n"
-            f"limits {self.limits}: {limits.v_max:g} m/s, {limits.omega_max:g} rad/s, "
+            f"limits {stage}: {limits.v_max:g} m/s, {limits.omega_max:g} rad/s, "
             f"{limits.a_max:g} m/s², {limits.alpha_max:g} rad/s²"
         )
 

@@ -15,7 +15,7 @@ from clfcbf import plot_panels as panels
 from clfcbf.errors import ConfigurationError, MissingExtraError
 from clfcbf.plot_panels import Record
 from clfcbf.simulation.campaign import Track
-from clfcbf.simulation.scenarios import World
+from clfcbf.simulation.scenarios import World, region_named, world_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -84,7 +84,8 @@ def approach_figure(
         from matplotlib.figure import Figure
     except ImportError as error:
         raise MissingExtraError("matplotlib", "viz") from error
-    runs = panels.Runs(records, tracks, panels.styles_of(records, tracks), world or World())
+    seen = world_of(region_named(records[0]["region"]), world)
+    runs = panels.Runs(records, tracks, panels.styles_of(records, tracks), seen)
     figure = Figure(figsize=SIZE, facecolor="white")
     FigureCanvasAgg(figure)
     _header(figure, records)

@@ -6,6 +6,7 @@ from clfcbf.perception.compensation import (
     compensated_centre,
     printed_centre,
     printed_length,
+    uncompensated,
     visible_length,
 )
 from clfcbf.perception.extent import Edge, End, Extent
@@ -31,5 +32,6 @@ __all__ = [
     "observation_of",
     "printed_centre",
     "printed_length",
+    "uncompensated",
     "visible_length",
 ]

@@ -12,7 +12,7 @@ import numpy as np
 from clfcbf.errors import ConfigurationError
 from clfcbf.perception.centre import centre_of
 from clfcbf.perception.columns import Array, DepthColumns, DepthNoise, DepthSpan
-from clfcbf.perception.extent import Edge, End, Extent, find_extent
+from clfcbf.perception.extent import CONFIRM, Edge, End, Extent, find_extent
 from clfcbf.perception.line import LineFit, fit_line
 from clfcbf.perception.segmentation import Indices, drop_outliers, runs
 from clfcbf.se2 import Pose2, is_finite
@@ -78,7 +78,8 @@ class BoardDetector:
     Columns are parted into surfaces at steps of depth; through each a robust line is laid; what
     is no longer than the board, and as long if both of its ends are free, may be the board.
     Of several the one with more free ends is taken, then the one with more columns: of a wall
-    behind the board the camera sees pieces that end at the board or at the edge of the view.
+    behind the board the camera sees pieces that end at the board or at the edge of the view, and
+    surfaces that end there are not looked at once both ends of another are free.
 
     Attributes
     ----------
@@ -130,7 +131,9 @@ class BoardDetector:
         clean = drop_outliers(depths, self.noise)
         reasons = {Reason.NO_SURFACE}
         best: tuple[LineFit, Extent, Indices] | None = None
-        for run in runs(clean, self.noise):
+        for run, cut in _uncut_first(runs(clean, self.noise), len(clean)):
+            if cut and best is not None and best[1].free() == 2:
+                break
             found = self._surface(run, tangents, depths, clean)
             if found is None:
                 continue
@@ -183,6 +186,13 @@ class BoardDetector:
         return BoardPose(
             self.camera.compose(seen), rotation @ covariance @ rotation.T, fit, extent, members
         )
+
+
+def _uncut_first(surfaces: list[Indices], columns: int) -> list[tuple[Indices, bool]]:
+    """Surfaces, each with whether it reaches the edge of the view, those that do not first."""
+    last = columns - CONFIRM
+    marked = [(run, bool(run[0] < CONFIRM or run[-1] >= last)) for run in surfaces]
+    return sorted(marked, key=lambda entry: entry[1])
 
 
 def _reach(edge: Edge, fit: LineFit) -> float:

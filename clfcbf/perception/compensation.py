@@ -9,10 +9,18 @@ frame, x along the axis.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
-from clfcbf.se2 import Point
+from clfcbf.perception.board import BoardPose
+from clfcbf.se2 import Point, Pose2
 
-__all__ = ["compensated_centre", "printed_centre", "printed_length", "visible_length"]
+__all__ = [
+    "compensated_centre",
+    "printed_centre",
+    "printed_length",
+    "uncompensated",
+    "visible_length",
+]
 
 
 def visible_length(middle: Point, theta: float, half_angle: float, side: int) -> float:
@@ -89,3 +97,20 @@ def printed_centre(middle: Point, theta: float, half_angle: float, width: float)
     """
     shift = 0.5 * (printed_length(middle, theta, half_angle) - width)
     return middle[0] + shift * math.cos(theta), middle[1] - shift * math.sin(theta)
+
+
+def uncompensated(board: BoardPose, camera: Pose2) -> BoardPose:
+    """The board with the middle of its visible part taken for its centre, all else as it was.
+
+    What an estimate without compensation would be, covariance included: such an estimate does
+    not know that it errs.
+
+    Parameters
+    ----------
+    board : as the detector found it
+    camera : where the camera is on the robot
+    """
+    line, extent = board.fit.line, board.extent
+    (rx, ry), (lx, ly) = line.at(extent.right.tangent), line.at(extent.left.tangent)
+    middle = Pose2(0.5 * (rx + lx), 0.5 * (ry + ly), line.theta)
+    return replace(board, pose=camera.compose(middle))

@@ -7,7 +7,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from clfcbf.perception.columns import Array, DepthNoise, DepthSpan
 from clfcbf.perception.line import SIGMAS, Line
@@ -97,18 +96,10 @@ def find_extent(
     spread = SIGMAS * noise.sigma(expected)
     with np.errstate(invalid="ignore"):
         on = np.flatnonzero(np.abs(depths - expected) <= spread)
-        farther = clean > expected + spread
-    groups = np.split(on, np.flatnonzero(np.diff(on) > GAP + 1) + 1)
-    own = _without_lone_ends(next((group for group in groups if core in group), on[:0]))
+    own = _without_lone_ends(_group_of(core, on))
     if len(own) < 2:
         return None
-    view = _View(
-        tangents,
-        span.holds(expected - spread) & span.holds(expected + spread),
-        np.isfinite(clean),
-        farther,
-        np.isfinite(depths) & np.isnan(clean),
-    )
+    view = _View(tangents, depths, clean, expected, spread, span)
     right, left = _edge(int(own[0]), -1, view), _edge(int(own[-1]), 1, view)
     outer = (right.tangent - 0.5 * right.spacing, left.tangent + 0.5 * left.spacing)
     if min(line.a + line.b * tangent for tangent in outer) <= 0.0:
@@ -116,21 +107,41 @@ def find_extent(
     return Extent(right, left)
 
 
+def _group_of(core: int, on: Indices) -> Indices:
+    """Those of the columns ``on`` the line that are joined to ``core``; none if that is not."""
+    at = int(np.searchsorted(on, core))
+    if at == len(on) or on[at] != core:
+        return on[:0]
+    starts = np.flatnonzero(on[1:] - on[:-1] > GAP + 1) + 1
+    k = int(np.searchsorted(starts, at, side="right"))
+    first = int(starts[k - 1]) if k else 0
+    return on[first : int(starts[k]) if k < len(starts) else len(on)]
+
+
 def _without_lone_ends(group: Indices) -> Indices:
-    close = np.flatnonzero(np.diff(group) <= CONFIRM)
+    close = np.flatnonzero(group[1:] - group[:-1] <= CONFIRM)
     return group[close[0] : close[-1] + 2] if close.size else group[:0]
 
 
 class _View(NamedTuple):
-    """All columns: their tangents, where the line's depths can be measured, which see
-    something, which of them farther than the line, and which are lone outliers.
-    """
+    """All columns: tangents and depths, these without lone outliers, and where the line is."""
 
     tangents: Array
-    measured: NDArray[np.bool_]
-    seen: NDArray[np.bool_]
-    farther: NDArray[np.bool_]
-    lone: NDArray[np.bool_]
+    depths: Array
+    clean: Array
+    expected: Array
+    spread: Array
+    span: DepthSpan
+
+    def measures(self, k: int) -> bool:
+        """Whether the camera measures the line's depth in column ``k``, noise included."""
+        near, far = self.span
+        z, noise = float(self.expected[k]), float(self.spread[k])
+        return near <= z - noise and z + noise <= far
+
+    def is_lone(self, k: int) -> bool:
+        """Whether column ``k`` is a lone outlier."""
+        return math.isfinite(self.depths[k]) and math.isnan(self.clean[k])
 
 
 def _edge(last: int, side: int, view: _View) -> Edge:
@@ -140,9 +151,9 @@ def _edge(last: int, side: int, view: _View) -> Edge:
     if not beyond:  # the view ends half a column on
         spacing = abs(float(view.tangents[last] - view.tangents[last - side]))
         return Edge(float(view.tangents[last]) + side * 0.5 * spacing, spacing, End.CLIPPED)
-    off = beyond[-1] if view.lone[beyond[0]] else beyond[0]
+    off = beyond[-1] if view.is_lone(beyond[0]) else beyond[0]
     here, there = float(view.tangents[last]), float(view.tangents[off])
-    if len(beyond) < CONFIRM or not all(view.measured[k] for k in beyond):
+    if len(beyond) < CONFIRM or not all(map(view.measures, beyond)):
         end = End.CLIPPED
     elif _hidden(last, side, view):
         end = End.OCCLUDED
@@ -154,7 +165,9 @@ def _edge(last: int, side: int, view: _View) -> Edge:
 def _hidden(last: int, side: int, view: _View) -> bool:
     """Whether most of what is seen next beyond column ``last`` is not farther than the line."""
     beyond = slice(last + 1, None) if side > 0 else slice(None, last)
-    farther = view.farther[beyond][view.seen[beyond]]
-    following = farther[:NEXT] if side > 0 else farther[-NEXT:]
-    hiding = len(following) - int(following.sum())
+    clean = view.clean[beyond]
+    seen = np.flatnonzero(np.isfinite(clean))
+    following = seen[:NEXT] if side > 0 else seen[-NEXT:]
+    line = view.expected[beyond] + view.spread[beyond]
+    hiding = len(following) - int(np.count_nonzero(clean[following] > line[following]))
     return hiding >= CONFIRM and 2 * hiding > len(following)

@@ -29,10 +29,12 @@ SIGMAS = 3.5
 """Residuals beyond this many sigma are no part of the line: 1 true column in 2000 is lost."""
 ROUNDS = 20
 """Most refits: each takes in or leaves out a column or two, and four or five settle it."""
-CONVERGED = 1e-9
-"""Relative step at which a fit has settled: a nanometre at a metre."""
+CONVERGED = 1e-6
+"""Relative step at which a fit has settled: a micrometre at a metre, and the next one far less."""
 LEAST = 3
 """Columns of a fit with any residual at all."""
+STARTS = 48
+"""Most pairs tried: were half of the columns outliers, one in a million fits would find no pair."""
 
 
 class Line(NamedTuple):
@@ -59,6 +61,8 @@ class Line(NamedTuple):
     def depths(self, tangents: Array) -> Array:
         """Depth of the line in each column [m]; NaN where it is behind the camera."""
         inverse = self.a + self.b * tangents
+        if inverse.size and float(inverse.min()) > 0.0:
+            return np.asarray(1.0 / inverse)
         ahead = inverse > 0.0
         return np.where(ahead, 1.0 / np.where(ahead, inverse, 1.0), np.nan)
 
@@ -85,8 +89,9 @@ def fit_line(tangents: Array, depths: Array, noise: DepthNoise) -> LineFit | Non
     r"""Robust maximum-likelihood line through columns of one surface.
 
     The start is the pair of columns whose line leaves the least sum of truncated squares
-    [TorrZisserman2000]_; of all pairs those are tried that are half of the surface apart, in
-    a fixed order, so that the same frame gives the same fit. From there Gauss-Newton steps on
+    [TorrZisserman2000]_; the pairs tried are half of the surface apart and spread evenly over
+    it, in a fixed order, so that the same frame gives the same fit. From there Gauss-Newton
+    steps on
 
     .. math:: \sum_i \frac{(z_i - 1/(a + b\tau_i))^2}{\sigma(z_i)^2}
 
@@ -105,28 +110,22 @@ def fit_line(tangents: Array, depths: Array, noise: DepthNoise) -> LineFit | Non
     line = _consensus(tangents, depths, noise)
     if line is None:
         return None
-    inliers = _near(line, tangents, depths, noise)
+    now = _Residuals.of(line, tangents, depths, noise)
     for _ in range(ROUNDS):
-        if inliers.sum() < LEAST:
+        normal = _Normal.of(now, tangents)
+        if normal is None:
             return None
-        new = _gauss_newton(line, tangents[inliers], depths[inliers], noise)
-        step = math.dist(new, line)
-        line, before = new, inliers
-        inliers = _near(line, tangents, depths, noise)
-        if step * line.distance <= CONVERGED and bool(np.all(inliers == before)):
+        a, b = normal.solved(now.scaled[now.inliers])
+        line, step, before = Line(line.a + a, line.b + b), math.hypot(a, b), now.inliers
+        now = _Residuals.of(line, tangents, depths, noise)
+        if step * line.distance <= CONVERGED and np.array_equal(now.inliers, before):
             break
-    if inliers.sum() < LEAST:
+    normal = _Normal.of(now, tangents)
+    if normal is None:
         return None
-    covariance, residuals = _information(line, tangents[inliers], depths[inliers], noise)
-    if covariance is None:
-        return None
-    return LineFit(line, covariance, inliers, float(np.sqrt(np.mean(residuals**2))))
-
-
-def _near(line: Line, tangents: Array, depths: Array, noise: DepthNoise) -> NDArray[np.bool_]:
-    expected = line.depths(tangents)
-    with np.errstate(invalid="ignore"):
-        return np.abs(depths - expected) <= SIGMAS * noise.sigma(expected)
+    inliers = now.inliers
+    rms = math.sqrt(float(np.mean(now.scaled[inliers] ** 2)))
+    return LineFit(line, normal.covariance(now.weight[inliers], noise.common), inliers, rms)
 
 
 def _consensus(tangents: Array, depths: Array, noise: DepthNoise) -> Line | None:
@@ -134,43 +133,87 @@ def _consensus(tangents: Array, depths: Array, noise: DepthNoise) -> Line | None
     if n < LEAST:
         return None
     inverse = 1.0 / depths
-    first, second = np.arange(n - n // 2), np.arange(n // 2, n)
+    pairs = n - n // 2
+    first = np.arange(pairs)
+    if pairs > STARTS:
+        first = first[:: -(-pairs // STARTS)]
+    second = first + n // 2
     b = (inverse[second] - inverse[first]) / (tangents[second] - tangents[first])
     a = inverse[first] - b * tangents[first]
     # Inverse depth has the sigma of the depth over its square.
-    residuals = inverse - (a[:, None] + b[:, None] * tangents)
-    scaled = residuals / (noise.sigma(depths) * inverse * inverse)
+    weight = 1.0 / (noise.sigma(depths) * inverse * inverse)
+    scaled = (inverse - a[:, None] - b[:, None] * tangents) * weight
     cost = np.minimum(scaled * scaled, SIGMAS * SIGMAS).sum(axis=1)
     best = int(np.argmin(cost))
     return Line(float(a[best]), float(b[best]))
 
 
-def _gauss_newton(line: Line, tangents: Array, depths: Array, noise: DepthNoise) -> Line:
-    """One step to the least weighted squares of depth; weights are those of the old line."""
-    expected = line.depths(tangents)
-    weight = 1.0 / noise.sigma(expected)
-    scale = -expected * expected * weight
-    slope = np.column_stack((scale, scale * tangents))
-    step, *_ = np.linalg.lstsq(slope, (depths - expected) * weight, rcond=None)
-    return Line(line.a + float(step[0]), line.b + float(step[1]))
+class _Residuals(NamedTuple):
+    """Columns against a line: ``weight`` is one over sigma, ``scaled`` the residuals times that.
 
-
-def _information(
-    line: Line, tangents: Array, depths: Array, noise: DepthNoise
-) -> tuple[Array | None, Array]:
-    """Covariance of (a, b), None where columns coincide, and the residuals over sigma.
-
-    With the gain K of the weighted fit, white noise gives (J'WJ)⁻¹ and an error s shared by all
-    columns adds s² (K1)(K1)'.
+    All (N,); where the line is behind the camera the column is no inlier, and NaN.
     """
-    expected = line.depths(tangents)
-    weight = 1.0 / noise.sigma(expected)
-    scale = -expected * expected * weight
-    slope = np.column_stack((scale, scale * tangents))
-    residuals = (depths - expected) * weight
-    information = slope.T @ slope
-    if not np.linalg.det(information) > 0.0:
-        return None, residuals
-    inverse = np.linalg.inv(information)
-    shared = inverse @ (slope.T @ weight) * noise.common
-    return inverse + np.outer(shared, shared), residuals
+
+    expected: Array
+    weight: Array
+    scaled: Array
+    inliers: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, line: Line, tangents: Array, depths: Array, noise: DepthNoise) -> _Residuals:
+        expected = line.depths(tangents)
+        weight = 1.0 / noise.sigma(expected)
+        scaled = (depths - expected) * weight
+        with np.errstate(invalid="ignore"):
+            inliers = np.abs(scaled) <= SIGMAS
+        return cls(expected, weight, scaled, inliers)
+
+
+class _Normal(NamedTuple):
+    r"""The normal equations of one Gauss-Newton step over the inliers.
+
+    The residual's slope is :math:`s_i(1, \tau_i)` with :math:`s_i = -z_i^2/\sigma_i`. With
+    tangents taken from their mean :math:`m`, weighted by :math:`s_i^2`, the equations are
+    diagonal: ``size`` :math:`A = \sum s_i^2`, ``spread`` :math:`C = \sum s_i^2(\tau_i-m)^2`, and
+
+    .. math::
+        (J^\top J)^{-1} = \begin{pmatrix} 1/A + m^2/C & -m/C \\ -m/C & 1/C \end{pmatrix} .
+
+    ``slope`` holds the :math:`-s_i`, ``about`` the same times :math:`\tau_i - m`, (N,) of the
+    inliers.
+    """
+
+    size: float
+    mean: float
+    spread: float
+    slope: Array
+    about: Array
+
+    @classmethod
+    def of(cls, at: _Residuals, tangents: Array) -> _Normal | None:
+        """None of fewer than three inliers, or of such that coincide."""
+        inliers = at.inliers
+        if np.count_nonzero(inliers) < LEAST:
+            return None
+        expected, tau = at.expected[inliers], tangents[inliers]
+        slope = expected * expected * at.weight[inliers]
+        size = float(slope @ slope)
+        mean = float(slope @ (slope * tau)) / size
+        about = slope * (tau - mean)
+        spread = float(about @ about)
+        return cls(size, mean, spread, slope, about) if spread > 0.0 else None
+
+    def solved(self, residuals: Array) -> tuple[float, float]:
+        """The change of (a, b) that is best for these scaled residuals of the inliers."""
+        b = -float(self.about @ residuals) / self.spread
+        return -float(self.slope @ residuals) / self.size - self.mean * b, b
+
+    def covariance(self, weight: Array, common: float) -> Array:
+        """Covariance of (a, b): white noise, and the frame's ``common`` error [m].
+
+        One metre in every column changes the scaled residuals by ``weight``.
+        """
+        m, c = self.mean, self.spread
+        white = np.array([[1.0 / self.size + m * m / c, -m / c], [-m / c, 1.0 / c]])
+        shared = np.array(self.solved(weight)) * common
+        return np.asarray(white + shared[:, None] * shared)

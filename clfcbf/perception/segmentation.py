@@ -35,12 +35,14 @@ def drop_outliers(depths: Array, noise: DepthNoise) -> Array:
     depths : (N,) [m], NaN where nothing is seen
     noise : how far apart columns of one surface can be
     """
-    padded = np.pad(depths, WINDOW, constant_values=np.nan)
+    padded = np.full(len(depths) + 2 * WINDOW, np.nan)
+    padded[WINDOW : len(padded) - WINDOW] = depths
+    count = np.convolve(np.isfinite(padded), np.ones(2 * WINDOW + 1, dtype=np.intp), "valid")
     neighbours = np.lib.stride_tricks.sliding_window_view(padded, 2 * WINDOW + 1)
-    middle = _median_of_seen(neighbours)
+    middle = _median_of_seen(neighbours, count)
     with np.errstate(invalid="ignore"):
         lone = np.abs(depths - middle) > _tolerance(middle, noise)
-    lone |= np.isfinite(neighbours).sum(axis=1) <= WINDOW
+    lone |= count <= WINDOW
     clean: Array = np.where(lone, np.nan, depths)
     return clean
 
@@ -70,10 +72,12 @@ def _tolerance(depths: Array, noise: DepthNoise) -> Array:
     return tolerance
 
 
-def _median_of_seen(rows: Array) -> Array:
-    """Median of each row without its NaN, NaN if nothing else is in it; np.nanmedian warns."""
+def _median_of_seen(rows: Array, count: Indices) -> Array:
+    """Median of the ``count`` values of each row that are no NaN.
+
+    NaN where there is none, of which np.nanmedian would warn.
+    """
     ordered = np.sort(rows, axis=1)  # NaN last
-    count = np.isfinite(rows).sum(axis=1)
     each = np.arange(len(rows))
     low, high = ordered[each, np.maximum(count - 1, 0) // 2], ordered[each, count // 2]
     return np.where(count > 0, 0.5 * (low + np.where(count % 2, low, high)), np.nan)

@@ -7,27 +7,31 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from clfcbf.controller import DockingController
 from clfcbf.errors import ConfigurationError
+from clfcbf.limits import Limits
 from clfcbf.simulation.episode import EpisodeController, EpisodeResult, Trace, run_episode
+from clfcbf.simulation.events import Nudges
 from clfcbf.simulation.kinematic import KinematicPlant
 from clfcbf.simulation.plant import Body, Plant
-from clfcbf.simulation.scenarios import World, draw_start, limits_named, region_named
-from clfcbf.simulation.sensor import PoseSensor, SensorModel
+from clfcbf.simulation.scenarios import World, draw_start, limits_named, region_named, world_of
+from clfcbf.simulation.sensors import SensorName, make_sensor
 
 __all__ = [
     "CONTROLLERS",
     "PLANTS",
     "EpisodeSpec",
+    "MakeController",
     "Track",
     "check_spec",
     "record",
     "record_and_track",
+    "run_all",
     "run_specs",
     "simulate",
     "summarise",
@@ -36,8 +40,14 @@ __all__ = [
 PLANTS = ("kinematic", "mujoco")
 CONTROLLERS = ("clf-cbf", "paper")
 
+T = TypeVar("T")
+
 TRACK_TICKS = 3
 """Ticks from one sample of a track to the next: 10 Hz, 4 cm at full speed, enough for a line."""
+
+
+MakeController = Callable[[World, Limits, float], EpisodeController]
+"""Makes a run's controller from the world, the limits and the body's lag [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +57,11 @@ class EpisodeSpec:
     Attributes
     ----------
     region : where it starts
-    seed, index : of the campaign, and of the run in it; start, body and sensor each have their
-        own random stream, so that controllers meet the same ones
-    controller, plant, sensor, limits, backend : by name
+    seed, index : of the campaign, and of the run in it; start, body, sensor and nudges each have
+        their own random stream, so that controllers meet the same ones
+    controller, plant, backend : by name
+    sensor : one of :data:`~clfcbf.simulation.sensors.SENSORS`
+    limits : by name; those of the region if none is given
     ideal : no lag, no slip, no noise, no latency
     """
 
@@ -59,14 +71,16 @@ class EpisodeSpec:
     controller: str = "clf-cbf"
     plant: str = "kinematic"
     sensor: str = "A"
-    limits: str = "approaching"
+    limits: str = ""
     backend: str = "exact"
     ideal: bool = False
 
     def __post_init__(self) -> None:
-        region_named(self.region)
+        region = region_named(self.region)
+        if not self.limits:
+            object.__setattr__(self, "limits", region.limits)
         limits_named(self.limits)
-        SensorModel.named(self.sensor)
+        SensorName.of(self.sensor)
         for name, choices in (("plant", PLANTS), ("controller", CONTROLLERS)):
             if getattr(self, name) not in choices:
                 raise ConfigurationError(
@@ -74,7 +88,7 @@ class EpisodeSpec:
                 )
 
     def stream(self, what: int) -> np.random.Generator:
-        """The random stream of one part of the run: 0 start, 1 body, 2 sensor."""
+        """The random stream of one part of the run: 0 start, 1 body, 2 sensor, 3 nudges."""
         return np.random.default_rng([self.seed, self.index, what])
 
 
@@ -103,15 +117,36 @@ def _controller(spec: EpisodeSpec, world: World, lag: float) -> EpisodeControlle
     )
 
 
-def simulate(spec: EpisodeSpec, world: World | None = None) -> tuple[EpisodeResult, Trace]:
-    """Run one episode from its specification."""
-    world = world or World()
+def _ideal(spec: EpisodeSpec) -> str:
+    """The sensor of the spec's kind that makes no errors."""
+    kind, _ = SensorName.of(spec.sensor)
+    return f"{kind}-ideal" if kind else "ideal"
+
+
+def simulate(
+    spec: EpisodeSpec, world: World | None = None, make: MakeController | None = None
+) -> tuple[EpisodeResult, Trace]:
+    """Run one episode from its specification.
+
+    Parameters
+    ----------
+    spec : the run
+    world : what stands where, before what is particular to the region
+    make : makes the controller, in place of the one that the spec names
+    """
+    region = region_named(spec.region)
+    world = world_of(region, world)
+    limits = limits_named(spec.limits)
     plant, body = _plant(spec, world)
-    model = SensorModel.named("ideal" if spec.ideal else spec.sensor)
-    sensor = PoseSensor(plant, world.camera, world.standoff, model, spec.stream(2))
-    controller = _controller(spec, world, body.lag)
+    name = _ideal(spec) if spec.ideal else spec.sensor
+    sensor = make_sensor(name, plant, world, spec.stream(2), region.markers)
+    nudges = Nudges(region.nudges, spec.stream(3)) if region.nudges else None
+    if make is None:
+        controller = _controller(spec, world, body.lag)
+    else:
+        controller = make(world, limits, body.lag)
     try:
-        return run_episode(plant, sensor, controller, world, limits_named(spec.limits))
+        return run_episode(plant, sensor, controller, world, limits, nudges)
     finally:
         plant.close()
 
@@ -122,7 +157,7 @@ def check_spec(spec: EpisodeSpec, world: World | None = None) -> None:
     What is unknown or not installed is then reported before a campaign starts, in the process
     that starts it. Raises what their constructors raise, all of it a ``ClfcbfError``.
     """
-    world = world or World()
+    world = world_of(region_named(spec.region), world)
     plant, body = _plant(spec, world)
     try:
         _controller(spec, world, body.lag)
@@ -174,7 +209,14 @@ def run_specs(
     workers: int = 1,
     work: Callable[[EpisodeSpec], dict[str, Any]] = record,
 ) -> Iterator[dict[str, Any]]:
-    """Records of the runs, in their order, as they are finished.
+    """Records of the runs, in their order, as they are finished; see :func:`run_all`."""
+    return run_all(specs, workers, work)
+
+
+def run_all(
+    items: Sequence[T], workers: int, work: Callable[[T], dict[str, Any]]
+) -> Iterator[dict[str, Any]]:
+    """What ``work`` makes of each item, in their order, as they are finished.
 
     ``work`` goes to other processes if ``workers > 1``, so it has to be picklable: a function
     of a module, or a ``functools.partial`` of one.
@@ -182,15 +224,15 @@ def run_specs(
     if workers < 1:
         raise ConfigurationError(f"workers must be at least 1, got {workers!r}")
     if workers == 1:
-        yield from map(work, specs)
+        yield from map(work, items)
         return
     # A forked child may inherit a lock that one of the parent's threads, such as numpy's, holds.
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(
-        min(workers, max(len(specs), 1)), context, _leave_interrupts_to_parent
+        min(workers, max(len(items), 1)), context, _leave_interrupts_to_parent
     )
     try:
-        yield from pool.map(work, specs, chunksize=1)
+        yield from pool.map(work, items, chunksize=1)
     finally:
         pool.shutdown(cancel_futures=True)
 

@@ -8,12 +8,13 @@ import numpy as np
 
 from clfcbf.camera import FieldOfView
 from clfcbf.perception.board import BoardDetector, NotSeen
+from clfcbf.perception.compensation import uncompensated
 from clfcbf.perception.observation import observation_of
 from clfcbf.scene import Observation
 from clfcbf.se2 import Pose2
 from clfcbf.simulation.depth import DepthCamera, DepthModel
 from clfcbf.simulation.plant import Plant
-from clfcbf.simulation.sensor import _CLOCK_ROUNDING, PoseSensor, _Frame, measured_board
+from clfcbf.simulation.sensor import PoseSensor, measured_board
 from clfcbf.simulation.sensor_noise import FrameDraw, ViewError
 
 __all__ = ["DepthSensor"]
@@ -43,6 +44,8 @@ class DepthSensor(PoseSensor):
     model : errors
     rng : draws the run's and the frames' errors
     width : of the board [m]
+    compensated : find the centre of a board that the view cuts from its free end; if not, the
+        middle of what is visible is taken for it, to see what the compensation is worth
 
     Raises
     ------
@@ -63,33 +66,28 @@ class DepthSensor(PoseSensor):
         model: DepthModel,
         rng: np.random.Generator,
         width: float,
+        *,
+        compensated: bool = True,
     ) -> None:
         (self._column_rng,) = rng.spawn(1)  # leaves the stream of rng itself as it is
         super().__init__(plant, camera, standoff, model.frames, rng)
+        self._compensated = compensated
         self._eye = DepthCamera(model, camera.half_angle, width)
         self._detector = BoardDetector(width, camera.camera, model.noise, model.span)
 
-    def capture(self) -> None:
-        """Take a frame if one is due at the plant's time; call it at every tick."""
-        now = self._plant.time
-        index = math.floor((now + _CLOCK_ROUNDING) * self._noise.model.rate)
-        if index <= self._last_index:
-            return
-        self._last_index = index
-        draw = self._noise.draw(now)
-        observation = self._look(draw, now)
-        if observation is not None:
-            self._frames.append(_Frame(now + draw.delay, observation))
-
-    def _look(self, draw: FrameDraw, now: float) -> Observation | None:
+    def _measure(self, draw: FrameDraw, now: float) -> Observation | None:
         columns = self._eye.draw(self._column_rng)
         if draw.lost:
             return None
         nominal = self._camera.camera
-        board = self._plant.pose().relative(Pose2(self._standoff, 0.0, 0.0))
+        board = self._board()
         distance = math.hypot(board.x - nominal.x, board.y - nominal.y)
         moved = self._noise.error(draw._replace(white=_NONE, slow=_NONE), distance)
         mount = nominal.compose(Pose2(0.0, draw.slow.across, draw.slow.yaw))
         seen = mount.relative(measured_board(board, nominal, moved))
         found = self._detector.detect(self._eye.columns(seen, columns, draw.slow.along))
-        return None if isinstance(found, NotSeen) else observation_of(found, self._standoff, now)
+        if isinstance(found, NotSeen):
+            return None
+        if not self._compensated:
+            found = uncompensated(found, nominal)
+        return observation_of(found, self._standoff, now)

@@ -13,7 +13,7 @@ from clfcbf.scene import Covariance, Observation
 from clfcbf.se2 import Pose2, wrap_angle
 from clfcbf.simulation.plant import Plant
 from clfcbf.simulation.sensor_model import SensorModel, Sigma
-from clfcbf.simulation.sensor_noise import SensorNoise, ViewError
+from clfcbf.simulation.sensor_noise import FrameDraw, SensorNoise, ViewError
 
 __all__ = ["PoseSensor", "SensorModel", "goal_covariance", "measured_board"]
 
@@ -133,27 +133,37 @@ class PoseSensor:
         at or after it, stamped with the time of the call; those missed altogether are skipped.
         """
         now = self._plant.time
-        model = self._noise.model
-        index = math.floor((now + _CLOCK_ROUNDING) * model.rate)
+        index = math.floor((now + _CLOCK_ROUNDING) * self._noise.model.rate)
         if index <= self._last_index:
             return
         self._last_index = index
         draw = self._noise.draw(now)
-        board = self._plant.pose().relative(Pose2(self._standoff, 0.0, 0.0))
+        observation = self._measure(draw, now)
+        if observation is not None:
+            self._frames.append(_Frame(now + draw.delay, observation))
+
+    def _measure(self, draw: FrameDraw, now: float) -> Observation | None:
+        """What a frame taken now sees, None if nothing; a sensor of another kind has its own."""
+        board = self._board()
         if draw.lost or self._camera.margin((board.x, board.y)) < 0.0:
-            return
+            return None
         camera = self._camera.camera
         error = self._noise.error(draw, _distance(board, camera))
-        measured = measured_board(board, camera, error)
-        observation = Observation(
-            goal=measured.compose(Pose2(-self._standoff, 0.0, 0.0)),
-            feature=measured,
+        seen = measured_board(board, camera, error)
+        return self._observation(seen, self._noise.model.sigma(_distance(seen, camera)), now)
+
+    def _board(self) -> Pose2:
+        """True pose of the board's centre in the robot frame."""
+        return self._plant.pose().relative(Pose2(self._standoff, 0.0, 0.0))
+
+    def _observation(self, board: Pose2, sigma: Sigma, now: float) -> Observation:
+        """The observation of a board measured with that much white noise."""
+        return Observation(
+            goal=board.compose(Pose2(-self._standoff, 0.0, 0.0)),
+            feature=board,
             stamp=now,
-            covariance=goal_covariance(
-                measured, camera, self._standoff, model.sigma(_distance(measured, camera))
-            ),
+            covariance=goal_covariance(board, self._camera.camera, self._standoff, sigma),
         )
-        self._frames.append(_Frame(now + draw.delay, observation))
 
     def observe(self) -> Observation | None:
         """The newest frame delivered by now and newer than any handed out before, or None."""
