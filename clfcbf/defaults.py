@@ -56,6 +56,12 @@ SETTLE_THETA = 5.0
 SETTLE_FROM = 0.004
 """[m] Where the regulator takes over: twice what the estimate is worth there."""
 
+STOP_FROM = 0.05
+"""[m] From the goal, where the fastest stop takes over: it needs 4 cm from 0.15 m/s."""
+
+FACE_FROM = 0.02
+"""[m] As above, of the heading: the path's own last turn is over by then."""
+
 DONE_X = 0.003
 """[m] A third of the strict tolerance of 10 mm."""
 
@@ -64,6 +70,10 @@ DONE_THETA = math.radians(0.4)
 
 LATERAL_TOLERANCE = 0.007
 """[m] Lateral error at the end that is worth another approach: strict is 10 mm."""
+
+CONCESSION = 0.5
+"""Tolerances conceded for each approach made: a sensor whose bias changes with the distance may
+never agree with itself to 7 mm, and 28 mm after eight approaches is better than none."""
 
 # The planner ------------------------------------------------------------------------------------
 
@@ -92,7 +102,7 @@ PLAN_THIN_SAMPLES = 6
 PLAN_TRIES = 8
 """Candidates driven in simulation at most, a few milliseconds each."""
 
-PLAN_SLACK = 0.5
+PLAN_SLACK = 0.1
 """[s] By how much a simulated time exceeds its estimate; ends the search for a better one."""
 
 PLAN_PATIENCE = 10.0
@@ -170,9 +180,9 @@ RECOVERY_FACING = math.radians(5.0)
 RECOVERY_LOOK = 0.5
 """[s] A look at rest: three times the longest latency met so far."""
 
-RECOVERY_BEYOND = 0.1
-"""[m] Further back than where the target was last seen: latency at full speed, and as much again
-to be clear of whatever hides it."""
+RECOVERY_BEYOND = 0.3
+"""[m] Further back than where the target was last seen: clear of whatever hides it, and a target
+that was moved aside comes 4° nearer to the axis at a metre and a half."""
 
 RETRACE = 0.7
 """[m] Longest way back: what is driven blind in 2 s and in a stop at 0.22 m/s, and

@@ -31,7 +31,7 @@ from clfcbf.se2 import Pose2
 from clfcbf.sighting import observed
 from clfcbf.tick import Begun, begin, failed, finish, stop
 from clfcbf.trajectories.build import arc_path
-from clfcbf.trajectories.following import Following, at_rest, follow
+from clfcbf.trajectories.following import Following, Inertia, at_rest, follow
 from clfcbf.trajectories.legs import Leg, Path
 
 _HERE = Pose2(0.0, 0.0, 0.0)
@@ -171,7 +171,12 @@ def _out_of_reach(config: DockingConfig, state: DockingState, ahead: Pose2) -> b
     if abs(error.theta) > defaults.OFF_COURSE_THETA:
         return True
     left = recovery.end_error(error.y, error.theta, max(place.rest, 0.0), config.gains.k2)
-    return left > config.lateral_tolerance
+    return left > _conceded(config, state)
+
+
+def _conceded(config: DockingConfig, state: DockingState) -> float:
+    """Lateral error that is worth another approach [m]: more, the more there have been."""
+    return config.lateral_tolerance * max(1.0, defaults.CONCESSION * state.attempts)
 
 
 def _planned(config: DockingConfig, state: DockingState, pose: Pose2) -> DockingState:
@@ -186,7 +191,7 @@ def _planned(config: DockingConfig, state: DockingState, pose: Pose2) -> Docking
     gains = config.gains
     if (
         abs(pose.x) < gains.done_x
-        and abs(pose.y) <= config.lateral_tolerance
+        and abs(pose.y) <= _conceded(config, state)
         and abs(pose.theta) < gains.done_theta
     ):
         return state._replace(phase=Phase.DONE)
@@ -219,7 +224,7 @@ def _followed(
     last = state.leg == len(state.legs) - 1 and state.undock == 0.0 and not searching
     following = follow(
         state.legs[state.leg], last, ahead, state.s, begun.box, base.limits, base.period,
-        config.gains,
+        config.gains, Inertia(begun.applied, begun.reckoning.body, base.lag),
     )  # fmt: skip
     if following.arrived and at_rest(begun.applied):
         if state.undock > 0.0:
@@ -228,7 +233,7 @@ def _followed(
             # The estimate is better now than when the plan was made, so the rest is planned anew.
             return without_plan(state, state.reason), None
         sideways = abs(following.reference.pose.y)
-        if sideways <= config.lateral_tolerance:
+        if sideways <= _conceded(config, state):
             return state._replace(phase=Phase.DONE, legs=()), None
         return without_plan(state, f"{1e3 * sideways:.0f} mm beside the goal"), None
     if isinstance(state.legs[state.leg], Path) and _off_course(following):

@@ -45,7 +45,8 @@ class DockingConfig:
     gains : of the path-following law
     noise : what is believed of measurements and of dead reckoning
     fraction : share of the law's own decay that the Lyapunov row demands, in (0, 1]
-    lateral_tolerance : lateral error at the end above which it backs off and tries again [m]
+    lateral_tolerance : lateral error at the end above which it backs off and tries again [m]; from
+        the third approach on half of it for each approach made
     patience : longest time without a measurement before it stops [s]; dead reckoning until then
     give_up : time without a measurement after which it fails, the search included [s]
     watchdog : longest time the chassis holds a command that is not renewed [s]; after a longer

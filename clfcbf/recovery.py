@@ -87,9 +87,9 @@ def end_error(lateral: float, heading: float, rest: float, k2: float) -> float:
 def retrace(way: Path, reached: float, seen_at: float, limits: Limits) -> Path | None:
     """The last part of ``way`` up to ``reached``, driven back in the other gear.
 
-    Back to ``seen_at`` and a little further, at most ``defaults.RETRACE``. None where that gear is not
-    allowed, or nothing of the way is left. The curvature is that of the way, and the speed keeps
-    within all four limits.
+    Back to ``seen_at`` and a little further, at most ``defaults.RETRACE``. None where that gear
+    is not allowed, or nothing of the way is left. The curvature is that of the way, and the speed
+    keeps within all four limits.
 
     Parameters
     ----------

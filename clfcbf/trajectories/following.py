@@ -25,8 +25,9 @@ from clfcbf.limits import InputBox, Limits
 from clfcbf.scene import Reference
 from clfcbf.se2 import Pose2, Twist, wrap_angle
 from clfcbf.trajectories.legs import Leg, Path, Turn
+from clfcbf.trajectories.stopping import command_to
 
-__all__ = ["Following", "FollowingGains", "at_rest", "follow"]
+__all__ = ["Following", "FollowingGains", "Inertia", "at_rest", "follow"]
 
 _AT_REST = Twist(0.0, 0.0)
 
@@ -43,6 +44,7 @@ class FollowingGains:
     settle_x : gain of the longitudinal regulator [1/s]
     settle_theta : gain of the heading regulator [1/s]
     settle_from : distance before the end at which the regulator takes over [m]
+    stop_from, face_from : at which the fastest stop takes over, of the speed and of the turn [m]
     done_x, done_theta : errors at which the goal counts as reached [m, rad]
     """
 
@@ -52,6 +54,8 @@ class FollowingGains:
     settle_x: float = defaults.SETTLE_X
     settle_theta: float = defaults.SETTLE_THETA
     settle_from: float = defaults.SETTLE_FROM
+    stop_from: float = defaults.STOP_FROM
+    face_from: float = defaults.FACE_FROM
     done_x: float = defaults.DONE_X
     done_theta: float = defaults.DONE_THETA
 
@@ -60,6 +64,14 @@ class FollowingGains:
             value = getattr(self, name)
             if not (math.isfinite(value) and (value > 0.0 or (name == "heading" and value == 0.0))):
                 raise ConfigurationError(f"{name} must be finite and positive, got {value!r}")
+
+
+class Inertia(NamedTuple):
+    """What of the body's motion is left at this tick: command in force, its twist, its lag [s]."""
+
+    applied: Twist
+    body: Twist
+    lag: float
 
 
 class Following(NamedTuple):
@@ -90,6 +102,7 @@ def follow(
     limits: Limits,
     period: float,
     gains: FollowingGains,
+    inertia: Inertia | None = None,
 ) -> Following:
     """Command that follows ``leg`` from ``pose``.
 
@@ -101,6 +114,8 @@ def follow(
     since : arc length reached before; progress never goes back
     box : commands reachable this tick
     limits, period : of the chassis
+    inertia : of the body, with which it stops at the goal as fast as it can; without, the command
+        ends there and the body coasts out
     """
     if isinstance(leg, Turn):
         error = Pose2(0.0, 0.0, wrap_angle(leg.heading - pose.theta))
@@ -109,7 +124,10 @@ def follow(
         return Following(twist, Reference(error, _AT_REST), since, arrived)
     place = leg.nearest(pose, since)
     if place.rest < gains.settle_from:
-        return _settle(leg, last, pose, max(place.s, since), box, limits, gains)
+        s = max(place.s, since)
+        if last and inertia is not None and inertia.lag > 0.0:
+            return _stop(leg, pose, s, box, limits, period, gains, inertia)
+        return _settle(leg, last, pose, s, box, limits, gains)
     error = pose.relative(place.pose)
     speed = max(abs(box.v_lo), abs(box.v_hi))
     ahead = leg.at(place.s + 0.5 * period * speed)
@@ -123,6 +141,10 @@ def follow(
     omega += gains.heading * slow * sin
     if abs(omega) > limits.omega_max:
         v = min(max(v * limits.omega_max / abs(omega), box.v_lo), box.v_hi)
+    stopping = last and inertia is not None and inertia.lag > 0.0 and leg.gear > 0
+    if stopping and inertia is not None and place.rest < gains.stop_from:
+        v, turned = _stopped(leg, pose, limits, period, gains, inertia)
+        omega = turned if place.rest < gains.face_from else omega
     twist = box.clip(Twist(v, omega))
     return Following(twist, Reference(error, Twist(v, feed)), max(place.s, since), False)
 
@@ -151,3 +173,28 @@ def _settle(
     omega = 0.0 if facing else _spin(error.theta, limits, gains)
     twist = box.clip(Twist(v, omega))
     return Following(twist, Reference(error, _AT_REST), s, (near and facing) or not last)
+
+
+def _stopped(
+    leg: Path, pose: Pose2, limits: Limits, period: float, gains: FollowingGains, inertia: Inertia
+) -> tuple[float, float]:
+    """Speed and turn rate of the fastest stop at the end of the leg."""
+    (v, omega), (v_body, omega_body), lag = inertia
+    error = pose.relative(leg.end)
+    return (
+        command_to(error.x, v, v_body, limits.a_max, limits.v_max, period, lag, gains.done_x),
+        command_to(
+            error.theta, omega, omega_body, limits.alpha_max, limits.omega_max, period, lag,
+            gains.done_theta,
+        ),
+    )  # fmt: skip
+
+
+def _stop(
+    leg: Path, pose: Pose2, s: float, box: InputBox, limits: Limits, period: float,
+    gains: FollowingGains, inertia: Inertia,
+) -> Following:  # fmt: skip
+    twist = box.clip(Twist(*_stopped(leg, pose, limits, period, gains, inertia)))
+    error = pose.relative(leg.end)
+    near = abs(error.x) < gains.done_x and abs(error.theta) < gains.done_theta
+    return Following(twist, Reference(error, _AT_REST), s, near and at_rest(inertia.body))
