@@ -11,15 +11,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
-from clfcbf import config, defaults, doctor, explain, plots, report
+from clfcbf import config, defaults, doctor, explain, plots, recorder, report
+from clfcbf.decision import Decision
 from clfcbf.errors import ClfcbfError, ConfigurationError, MissingExtraError
+from clfcbf.recorder.figure import log_figure
 from clfcbf.simulation import campaign
 from clfcbf.simulation.campaign import EpisodeSpec
 from clfcbf.simulation.scenarios import World, limits_named, region_named
 
 __all__ = [
-    "COMMANDS", "Approach", "Check", "Command", "Doctor", "Explain", "approach", "main",
-    "usable_cores",
+    "COMMANDS", "Approach", "Check", "Command", "Doctor", "Explain", "Plot", "Replay", "approach",
+    "main", "usable_cores",
 ]  # fmt: skip
 
 FOUND_WRONG = 1
@@ -114,20 +116,30 @@ class Approach:
 class Explain:
     """Say why a tick that was saved sent what it sent.
 
-    A decision is saved with json.dumps(decision_to_json(decision)), see clfcbf.explain; a file
-    holds one, or a list of them.
+    The file is a flight recorder's log, or JSON: a decision is saved with
+    json.dumps(decision_to_json(decision)), see clfcbf.explain; a file holds one, or a list of
+    them.
     """
 
     file: Path
     """The file that holds the tick."""
     tick: int | None = None
     """Which of a list, from 0, or from -1 at its end; all of them if not given."""
+    at: float | None = None
+    """Of a log the tick in force at this time, in seconds since its first tick."""
     json: bool = False
     """Print everything that is known as JSON, not a sentence."""
 
     def run(self) -> int:
         """Print it."""
-        decisions = explain.decisions_in(_load(self.file))
+        if recorder.is_log(self.file):
+            decisions = self._logged()
+        elif self.at is not None:
+            raise ConfigurationError(
+                f"--at needs a flight recorder's log, which {str(self.file)!r} is not"
+            )
+        else:
+            decisions = explain.decisions_in(_load(self.file))
         if not decisions:
             raise ConfigurationError(f"{str(self.file)!r} holds no tick")
         if self.tick is not None:
@@ -143,6 +155,50 @@ class Explain:
             _print(json.dumps(records[0] if len(records) == 1 else records, indent=1))
         else:
             _print("\n".join(map(str, found)))
+        return 0
+
+    def _logged(self) -> list[Decision]:
+        log = recorder.read_log(self.file)
+        if self.at is None:
+            return [tick.decision for tick in log.ticks()]
+        if self.tick is not None:
+            raise ConfigurationError("give --tick or --at, not both")
+        return [log.tick_at(self.at).decision]
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """Compute every command of a flight recorder's log again, and say where one differs.
+
+    The exit status is 0 where all come out to the last bit, and 1 where not.
+    """
+
+    file: Path
+    """The log."""
+
+    def run(self) -> int:
+        """Replay it, print what was found."""
+        found = recorder.replay(recorder.read_log(self.file))
+        _print(str(found))
+        return 0 if found.reproduced else FOUND_WRONG
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """Draw a flight recorder's log: commands, clearance, status and duration over time."""
+
+    file: Path
+    """The log."""
+    out: Path | None = None
+    """Draw here: .png, .svg or .pdf; beside the log, as .png, if not given."""
+
+    def run(self) -> int:
+        """Draw it, print where."""
+        out = self.out if self.out is not None else self.file.with_suffix(".png")
+        plots.check_format(out)
+        report.check_writable(out)
+        plots.save_figure(log_figure(recorder.read_log(self.file)), out)
+        _print(str(out))
         return 0
 
 
@@ -198,7 +254,8 @@ class Check:
 
 
 COMMANDS: dict[str, type[Command]] = {
-    "approach": Approach, "check": Check, "doctor": Doctor, "explain": Explain,
+    "approach": Approach, "check": Check, "doctor": Doctor, "explain": Explain, "plot": Plot,
+    "replay": Replay,
 }  # fmt: skip
 """Subcommands by name; a further one is one line."""
 
@@ -299,7 +356,7 @@ def _parsed(argv: Sequence[str] | None) -> Command:
 
     @registry.primitive_rule
     def _plain(info: tyro.constructors.PrimitiveTypeInfo) -> Any:
-        for kind, metavar in ((Path, "FILE"), (int, "INT")):
+        for kind, metavar in ((Path, "FILE"), (int, "INT"), (float, "FLOAT")):
             if info.type in (kind, kind | None):
                 return one_word(kind, metavar)
         return None
