@@ -1,6 +1,7 @@
 """The guard's theorem: from an admissible command a certified brake keeps the view."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,11 +9,13 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from clfcbf.camera import FieldOfView
+from clfcbf.constraints.barrier import HERE, Sweep
 from clfcbf.constraints.cbf import FieldOfViewBarrier
+from clfcbf.constraints.rows import Priority, Rows
 from clfcbf.errors import ConfigurationError
 from clfcbf.estimation import body_after
-from clfcbf.guard import Brake, Guard, Verdict, moved_scene
-from clfcbf.limits import Limits
+from clfcbf.guard import FALLBACKS, ROUNDING, Brake, Guard, Verdict, moved_scene
+from clfcbf.limits import InputBox, Limits
 from clfcbf.scene import Scene
 from clfcbf.se2 import Pose2, Twist, arc
 
@@ -248,3 +251,393 @@ def test_recovery_from_outside_does_not_stall_with_lag():
         body, mean = body_after(body, applied, PERIOD, 0.12)
         scene = moved_scene(scene, arc(mean, PERIOD))
     assert guard.clearance(scene) > math.radians(-0.3)
+
+
+class Scripted:
+    """A barrier that answers as told and keeps what it was asked: the guard's logic by itself."""
+
+    name = "scripted"
+
+    def __init__(self, here=1.0, bound=-math.inf, along=-1.0, coasted=1.0, rows=()):
+        self.here, self.bound, self.along = here, bound, along
+        self.at_rest, self.lines = coasted, rows
+        self.asked, self.at = [], []
+        self.motion = HERE
+
+    def rows(self, scene, motion=None):
+        names = tuple(f"row{i}" for i in range(len(self.lines)))
+        coefficients = tuple((a, c, 0.0) for a, c, _ in self.lines)
+        return Rows(names, coefficients, Priority.SAFETY, tuple(h for _, _, h in self.lines))
+
+    def clearance(self, scene, motion=HERE):
+        self.at.append(motion)
+        return self.here if motion == self.motion else self.at_rest
+
+    def clearance_around(self, scene, sweep):
+        return self.here, self.bound
+
+    def clearance_along(self, scene, sweep):
+        self.asked.append(sweep)
+        return self.along(sweep.twist) if callable(self.along) else self.along
+
+
+LIMITS = Limits(0.22, 0.4, 0.3, 1.0)
+STRAIGHT = Scene(Pose2(2.0, 0.5, 0.1), Pose2(2.5, 0.5, 0.1), 7.0)
+BODY = Twist(0.05, -0.1)
+MOVED = Pose2(0.1, -0.05, 0.2)
+unit = st.floats(0.0, 1.0)
+
+
+def tried_between(safe, wanted, box):
+    """What may be sent instead: parts of the way from the brake, then one part of the command."""
+    if safe == wanted:
+        return []
+    dv, dw = wanted.v - safe.v, wanted.omega - safe.omega
+    way = [Twist(safe.v + k * dv, safe.omega + k * dw) for k in (0.75, 0.5, 0.25)]
+    return [box.clip(t) for t in (*way, Twist(safe.v, wanted.omega), Twist(wanted.v, safe.omega))]
+
+
+def assert_asked(barrier, guard, expected, body=BODY, motion=MOVED):
+    """It was asked about these commands in this order, each with its own brake's sweep."""
+    assert len(barrier.asked) == len(expected)
+    for sweep, twist in zip(barrier.asked, expected, strict=True):
+        assert sweep.twist == pytest.approx(twist, abs=1e-15)
+        ticks = max(
+            math.ceil(abs(sweep.twist.v) / (LIMITS.a_max * PERIOD)),
+            math.ceil(abs(sweep.twist.omega) / (LIMITS.alpha_max * PERIOD)),
+        )
+        assert (sweep.motion, sweep.body, sweep.lag) == (motion, body, guard.lag)
+        assert sweep.duration == pytest.approx(PERIOD * (ticks + 1) / 2, rel=1e-12)
+
+
+@st.composite
+def ticks_of_the_guard(draw):
+    """A command within the limits, the box that it leaves, and a brake with its next one there."""
+    applied = Twist(
+        LIMITS.v_max * draw(st.floats(-1.0, 1.0)), LIMITS.omega_max * draw(st.floats(-1.0, 1.0))
+    )
+    box = LIMITS.input_box(applied, PERIOD)
+
+    def inside():
+        v = box.v_lo + draw(unit) * (box.v_hi - box.v_lo)
+        return Twist(v, box.w_lo + draw(unit) * (box.w_hi - box.w_lo))
+
+    ticks = draw(st.integers(2, 30))
+    brake = Brake(inside().scaled(ticks / (ticks - 1)), ticks, draw(st.booleans()))
+    return box.clip(inside()), box, brake
+
+
+@given(ticks_of_the_guard(), st.integers(0, 6))
+def test_the_first_admissible_of_the_candidates_is_sent(case, index):
+    wanted, box, brake = case
+    safe = box.clip(brake.next().twist)
+    candidates = [wanted, *tried_between(safe, wanted, box)]
+    chosen = candidates[index] if index < len(candidates) else None
+    barrier = Scripted(along=lambda twist: 0.0 if twist == pytest.approx(chosen) else -1.0)
+    if chosen is None:
+        barrier.along = -1.0
+    barrier.motion = MOVED
+    guard = Guard(LIMITS, (barrier,), PERIOD, 0.1)
+    outcome = guard.filter(wanted, STRAIGHT, BODY, box, brake, MOVED)
+    first = next(
+        (i for i, t in enumerate(candidates) if chosen is not None and t == pytest.approx(chosen)),
+        None,
+    )
+    assert_asked(barrier, guard, candidates if first is None else candidates[: first + 1])
+    assert outcome.clearance == 1.0
+    if first is None:
+        assert outcome.verdict is Verdict.BRAKED
+        assert outcome.twist == safe
+        followed = box.contains(brake.next().twist, ROUNDING)
+        assert outcome.certified == outcome.brake.verified == (followed and brake.verified)
+        return
+    assert outcome.twist == pytest.approx(candidates[first], abs=1e-15)
+    assert outcome.verdict is (Verdict.REPLACED if first else Verdict.ADMITTED)
+    assert outcome.certified is True
+    assert outcome.brake == Brake(outcome.twist, LIMITS.brake_ticks(outcome.twist, PERIOD), True)
+    assert isinstance(outcome.brake.twist, Twist)
+
+
+@pytest.mark.parametrize("here", [1.0, -0.1])
+@pytest.mark.parametrize(("v", "w"), [(1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (-1.0, 0.0), (0.0, 0.0)])
+def test_a_command_that_differs_in_one_part_alone_has_candidates_too(v, w, here):
+    """And the brake itself, wanted and refused, is not tried again."""
+    barrier = Scripted(here=here, along=-9.0)
+    guard = Guard(LIMITS, (barrier,), PERIOD, 0.1)
+    brake = Brake(Twist(0.1, 0.1), 20, True)
+    box = LIMITS.input_box(brake.twist, PERIOD)
+    safe = brake.next().twist
+    wanted = box.clip(Twist(safe.v + 0.005 * v, safe.omega + 0.005 * w))
+    outcome = guard.filter(wanted, STRAIGHT, BODY, box, brake)
+    between = tried_between(safe, wanted, box)
+    assert len(between) == (5 if v or w else 0)
+    assert_asked(barrier, guard, [wanted, *between], motion=HERE)
+    assert outcome.verdict is Verdict.BRAKED
+
+
+@pytest.mark.parametrize("coasted", [-1e-9, 0.0, 1e-9])
+def test_nothing_in_between_is_tried_where_coasting_alone_goes_out(coasted):
+    barrier = Scripted(along=-1.0, coasted=coasted)
+    guard = Guard(LIMITS, (barrier,), PERIOD, 0.1)
+    box = LIMITS.input_box(REST, PERIOD)
+    outcome = guard.filter(Twist(box.v_hi, 0.0), STRAIGHT, BODY, box, Brake(REST, 0))
+    assert outcome.verdict is Verdict.BRAKED
+    assert len(barrier.asked) == (1 if coasted < 0.0 else 1 + len(FALLBACKS) + 2)
+
+
+@pytest.mark.parametrize("here", [1.0, -0.1])
+def test_coasting_is_along_the_bodys_own_arc_for_all_of_the_lag(here):
+    """Inside before anything else is tried; outside for what is kept and for what is certified."""
+    barrier = Scripted(here=here, coasted=-0.2, along=-0.2)
+    barrier.bare = Scripted(here=0.1, coasted=0.1)
+    barrier.motion = barrier.bare.motion = MOVED
+    guard = Guard(LIMITS, (barrier,), PERIOD, 0.3)
+    box = LIMITS.input_box(REST, PERIOD)
+    guard.filter(Twist(box.v_hi, 0.0), STRAIGHT, BODY, box, Brake(REST, 0), MOVED)
+    ends = [motion for motion in (*barrier.at, *barrier.bare.at) if motion != MOVED]
+    assert len(ends) == (1 if here > 0.0 else 2)
+    for end in ends:
+        assert end == pytest.approx(MOVED.compose(arc(BODY, 0.3)), abs=1e-15)
+
+
+@pytest.mark.parametrize("bounds", [(0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.0, -0.1), (-0.1, 0.0)])
+def test_the_cheap_bound_of_every_barrier_answers_alone_or_not_at_all(bounds):
+    first, second = (Scripted(here=h, bound=b) for h, b in zip((0.7, 0.6), bounds, strict=True))
+    box = LIMITS.input_box(REST, PERIOD)
+    for barriers in ((first, second), (second, first)):
+        guard = Guard(LIMITS, barriers, PERIOD)
+        outcome = guard.filter(Twist(box.v_hi, 0.0), STRAIGHT, BODY, box, Brake(REST, 0))
+        assert (outcome.verdict is Verdict.ADMITTED) == (min(bounds) >= 0.0)
+        assert outcome.clearance == 0.6
+
+
+@pytest.mark.parametrize(("beyond", "certified"), [(0.5e-12, True), (3e-12, False), (0.1, False)])
+@pytest.mark.parametrize("here", [1.0, -0.1])
+def test_what_is_beyond_the_speed_limits_is_not_certified(beyond, certified, here):
+    """Its next command is forced by them; inside and outside the safe set alike."""
+    fast = Twist(LIMITS.v_max + beyond, 0.0)
+    around = InputBox(fast.v - 0.01, fast.v, -0.03, 0.03)
+    for along in (1.0, lambda twist: -1.0 if twist == fast else 1.0):
+        barrier = Scripted(here=here, along=along, coasted=0.5)
+        barrier.bare = Scripted(here=0.5)
+        guard = Guard(LIMITS, (barrier,), PERIOD)
+        brake = Brake(fast, LIMITS.brake_ticks(fast, PERIOD), True)
+        outcome = guard.filter(fast, STRAIGHT, BODY, around, brake)
+        if outcome.verdict is Verdict.ADMITTED:
+            assert outcome.certified is certified
+            assert outcome.brake.verified is certified
+        else:
+            assert outcome.verdict is Verdict.REPLACED
+            beyond_now = outcome.twist.v - LIMITS.v_max
+            assert outcome.certified is (beyond_now <= ROUNDING)
+
+
+@pytest.mark.parametrize(
+    ("short", "admitted"), [(0.0, True), (0.5e-12, True), (ROUNDING, True), (3e-12, False)]
+)
+@pytest.mark.parametrize(("here", "coasted"), [(-0.2, 0.3), (-0.2, -0.4), (-0.2, -0.1)])
+def test_outside_what_does_not_make_it_worse_is_admitted(here, coasted, short, admitted):
+    """To rounding; what coasting alone makes worse is no reason to refuse the way back."""
+    floor = min(here, coasted)
+    barrier = Scripted(here=here, coasted=coasted, along=floor - short)
+    other = Scripted(here=0.1, along=0.0)
+    guard = Guard(LIMITS, (other, barrier), PERIOD, 0.1)
+    box = LIMITS.input_box(REST, PERIOD)
+    wanted = Twist(box.v_hi, box.w_lo)
+    outcome = guard.filter(wanted, STRAIGHT, BODY, box, Brake(REST, 0))
+    assert (outcome.verdict is Verdict.ADMITTED) == admitted
+    assert outcome.clearance == here
+    # Inside its set a barrier is kept with the blur of the order; outside there is none to keep.
+    assert barrier.asked[0].blur == 0.0 < other.asked[0].blur
+    assert barrier.asked[0][:7] == other.asked[0][:7]
+    if admitted:
+        assert outcome.twist == wanted
+        assert outcome.brake[:2] == (wanted, LIMITS.brake_ticks(wanted, PERIOD))
+        assert isinstance(outcome.brake.verified, bool)
+
+
+def test_outside_a_barrier_that_holds_has_to_go_on_holding():
+    broken = Scripted(here=-0.2, along=0.0, coasted=0.0)
+    for along, admitted in ((0.0, True), (-0.5 * ROUNDING, True), (-0.1, False)):
+        kept = Scripted(here=0.1, along=along)
+        guard = Guard(LIMITS, (broken, kept), PERIOD)
+        box = LIMITS.input_box(REST, PERIOD)
+        outcome = guard.filter(Twist(box.v_hi, 0.0), STRAIGHT, BODY, box, Brake(REST, 0))
+        assert (outcome.verdict is Verdict.ADMITTED) == admitted
+
+
+@given(ticks_of_the_guard(), st.integers(1, 6))
+def test_outside_the_candidates_are_those_of_the_inward_command(case, index):
+    wanted, box, brake = case
+    safe = box.clip(brake.next().twist)
+    candidates = [wanted, *tried_between(safe, wanted, box)]
+    barrier = Scripted(here=-0.2, coasted=-0.2, along=-9.0)
+    barrier.motion = MOVED
+    if index < len(candidates):
+        barrier.along = lambda twist: 0.0 if twist == pytest.approx(candidates[index]) else -9.0
+    guard = Guard(LIMITS, (barrier,), PERIOD, 0.1)
+    outcome = guard.filter(wanted, STRAIGHT, BODY, box, brake, MOVED)
+    chosen = candidates[index] if index < len(candidates) else None
+    matching = [
+        i for i, t in enumerate(candidates) if chosen is not None and t == pytest.approx(chosen)
+    ]
+    assert_asked(barrier, guard, candidates[: matching[0] + 1] if matching else candidates)
+    if matching:
+        assert outcome.twist == pytest.approx(candidates[matching[0]], abs=1e-15)
+        assert outcome.verdict is (Verdict.REPLACED if matching[0] else Verdict.ADMITTED)
+        assert outcome.brake.ticks == LIMITS.brake_ticks(outcome.twist, PERIOD)
+        assert outcome.brake.twist == outcome.twist
+    else:
+        assert outcome.verdict is Verdict.BRAKED
+        assert outcome.twist == safe
+
+
+signs = st.sampled_from([-1.0, -0.3, 0.0, 0.4, 1.0])
+
+
+@given(
+    ticks_of_the_guard(), st.lists(st.tuples(signs, signs, st.sampled_from([-0.1, -0.2, 0.0, 0.2])),
+                                   max_size=3)
+)  # fmt: skip
+def test_outside_no_part_drives_out_more_than_the_brake_does(case, lines):
+    """A part of the command is that of the brake exactly if a row that is broken asks for it."""
+    wanted, box, brake = case
+    safe = box.clip(brake.next().twist)
+    barrier = Scripted(here=-0.2, coasted=-0.2, along=0.0, rows=tuple(lines))
+    guard = Guard(LIMITS, (barrier,), PERIOD)
+    outcome = guard.filter(wanted, STRAIGHT, BODY, box, brake)
+    broken = [(a, c) for a, c, h in lines if h < 0.0]
+    v_out = any(a * wanted.v > a * safe.v for a, _ in broken)
+    w_out = any(c * wanted.omega > c * safe.omega for _, c in broken)
+    expected = Twist(safe.v if v_out else wanted.v, safe.omega if w_out else wanted.omega)
+    assert outcome.twist == expected
+    assert outcome.verdict is (Verdict.ADMITTED if expected == wanted else Verdict.REPLACED)
+
+
+@pytest.mark.parametrize("bare_here", [-1e-9, 0.0, 0.1])
+@pytest.mark.parametrize("bare_coasted", [-1e-9, 0.0, 0.1])
+def test_outside_the_reserve_it_is_certified_while_the_barrier_itself_holds(
+    bare_here, bare_coasted
+):
+    reserved = Scripted(here=-0.2, coasted=-0.1, along=0.0)
+    reserved.bare = Scripted(here=bare_here, coasted=bare_coasted)
+    inside = Scripted(here=0.1, along=0.0)
+    inside.bare = Scripted(here=-1.0, coasted=-1.0)  # of no interest: it holds with its reserve
+    guard = Guard(LIMITS, (inside, reserved), PERIOD, 0.1)
+    box = LIMITS.input_box(REST, PERIOD)
+    outcome = guard.filter(Twist(box.v_hi, 0.0), STRAIGHT, BODY, box, Brake(REST, 0))
+    assert outcome.verdict is Verdict.ADMITTED
+    assert outcome.certified is (bare_here >= 0.0 and bare_coasted >= 0.0)
+
+
+def test_outside_a_barrier_without_a_reserve_certifies_nothing():
+    barrier = Scripted(here=-0.2, coasted=-0.1, along=0.0)
+    guard = Guard(LIMITS, (barrier,), PERIOD, 0.1)
+    box = LIMITS.input_box(REST, PERIOD)
+    outcome = guard.filter(Twist(box.v_hi, 0.0), STRAIGHT, BODY, box, Brake(REST, 0))
+    assert outcome.verdict is Verdict.ADMITTED
+    assert outcome.certified is False
+
+
+def test_on_the_edge_is_inside():
+    barrier = Scripted(here=0.0, along=0.0, bound=-1.0)
+    guard = Guard(LIMITS, (barrier,), PERIOD)
+    box = LIMITS.input_box(REST, PERIOD)
+    outcome = guard.filter(Twist(box.v_hi, 0.0), STRAIGHT, BODY, box, Brake(REST, 0))
+    assert outcome.verdict is Verdict.ADMITTED
+    assert outcome.certified is True
+    barrier.along = -0.5 * ROUNDING  # what rounding excuses outside, where no set is left to keep
+    outcome = guard.filter(Twist(box.v_hi, 0.0), STRAIGHT, BODY, box, Brake(REST, 0))
+    assert outcome.verdict is Verdict.BRAKED
+
+
+def test_where_no_way_back_is_known_nothing_is_asked():
+    barrier = Scripted(here=-math.inf, along=math.inf)
+    guard = Guard(LIMITS, (Scripted(here=-0.1), barrier), PERIOD)
+    brake = Brake(Twist(0.1, 0.1), 10, True)
+    box = LIMITS.input_box(brake.twist, PERIOD)
+    outcome = guard.filter(Twist(0.1, 0.1), STRAIGHT, BODY, box, brake)
+    assert outcome.verdict is Verdict.BRAKED
+    assert outcome.brake == brake.next()
+    assert outcome.certified
+    assert outcome.clearance == -math.inf
+    assert not barrier.asked
+
+
+@pytest.mark.parametrize(("off", "kept"), [(0.0, True), (0.5e-12, True), (3e-12, False)])
+def test_a_brake_is_kept_while_the_chassis_follows_it(off, kept):
+    barrier = Scripted(along=-1.0)
+    guard = Guard(LIMITS, (barrier,), PERIOD)
+    brake = Brake(Twist(0.1, 0.1), 10, True)
+    following = brake.next().twist
+    box = InputBox(following.v + off, following.v + 0.01, following.omega, 0.2)
+    outcome = guard.filter(Twist(box.v_hi, 0.2), STRAIGHT, BODY, box, brake)
+    assert outcome.verdict is Verdict.BRAKED
+    assert outcome.twist == Twist(box.v_lo, following.omega)
+    assert outcome.certified is kept
+    if kept:
+        assert outcome.brake == brake.next()
+    else:
+        assert outcome.brake == guard.brake_from(outcome.twist)
+
+
+def test_what_a_brake_says_of_itself():
+    assert Brake(Twist(0.1, 0.2), 4, True).next() == Brake(Twist(0.1, 0.2).scaled(0.75), 3, True)
+    assert Brake(Twist(0.1, 0.2), 4, False).next().verified is False
+    assert Brake(Twist(0.1, 0.2), 1, True).next() == Brake(REST, 0, True)
+    assert Brake(Twist(0.1, 0.2), 1, False).next() == Brake(REST, 0, False)
+    assert Brake(REST, 0, False).next() == Brake(REST, 0, True)  # to stand still needs no proof
+    guard = Guard(LIMITS, (), PERIOD)
+    assert guard.brake_from(REST) == Brake(REST, 0, True)
+    assert guard.brake_from(Twist(0.1, 0.0)) == Brake(Twist(0.1, 0.0), 10, False)
+
+
+@given(all_limits, st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
+def test_a_brake_keeps_its_curvature_and_gets_slower(limits, v, w):
+    guard = Guard(limits, (), PERIOD)
+    brakes = [guard.brake_from(Twist(v * limits.v_max, w * limits.omega_max))]
+    while brakes[-1].ticks:
+        brakes.append(brakes[-1].next())
+    for before, after in pairwise(brakes):
+        assert after.ticks == before.ticks - 1
+        assert after.twist.v * before.twist.omega == pytest.approx(
+            before.twist.v * after.twist.omega, abs=1e-12
+        )
+        for slower, faster in zip(after.twist, before.twist, strict=True):
+            assert abs(slower) <= abs(faster)
+            assert slower * faster >= 0.0
+
+
+def test_the_smallest_clearance_counts():
+    guard = Guard(LIMITS, (Scripted(here=0.3), Scripted(here=-0.2), Scripted(here=0.1)), PERIOD)
+    assert guard.clearance(STRAIGHT) == -0.2
+    assert Guard(LIMITS, (), PERIOD).clearance(STRAIGHT) == math.inf
+
+
+def test_the_sweep_of_a_brake():
+    guard = Guard(LIMITS, (), PERIOD, 0.2)
+    brake = Brake(Twist(0.1, -0.3), 11)
+    expected = Sweep.of(MOVED, BODY, 0.2, brake.twist, PERIOD * 6.0)
+    sweep = guard.sweep(BODY, brake, MOVED)
+    assert sweep[:4] == expected[:4]
+    assert sweep[4:] == pytest.approx(expected[4:])
+    assert guard.sweep(BODY, brake).motion == HERE
+
+
+@given(st.builds(Pose2, *[st.floats(-2.0, 2.0)] * 3), st.builds(Pose2, *[st.floats(-2.0, 2.0)] * 3))
+def test_a_scene_moves_as_seen_from_the_robot(motion, feature):
+    moved = moved_scene(Scene(STRAIGHT.goal, feature, 7.0), motion)
+    assert moved.stamp == 7.0
+    for before, after in ((STRAIGHT.goal, moved.goal), (feature, moved.feature)):
+        assert motion.compose(after)[:2] == pytest.approx(before[:2], abs=1e-12)
+        turn = after.theta + motion.theta - before.theta
+        assert math.cos(turn) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_settings_of_a_guard():
+    assert Guard(LIMITS, (), PERIOD, 0.0).lag == 0.0
+    assert Guard(LIMITS, (), PERIOD, 9.999).lag == 9.999
+    with pytest.raises(ConfigurationError, match="lag"):
+        Guard(LIMITS, (), PERIOD, 10.0)
+    with pytest.raises(ConfigurationError, match="period"):
+        Guard(LIMITS, (), -PERIOD)

@@ -441,7 +441,7 @@ def test_margin_out_of_range(bad: float) -> None:
         AHEAD.eroded(bad)
 
 
-@pytest.mark.parametrize("bad", [0.0, -0.1, 4.0, math.nan])
+@pytest.mark.parametrize("bad", [0.0, -0.1, math.pi, 4.0, math.nan])
 def test_half_angle_out_of_range(bad: float) -> None:
     with pytest.raises(ConfigurationError, match="half_angle"):
         paper_row((1.0, 0.0), bad, GAIN)
@@ -509,6 +509,191 @@ def test_clearance_along_is_the_smallest_at_the_corners(
     blurred = barrier.clearance_along(scene, sharp._replace(blur=0.03))
     inward = FieldOfViewBarrier(barrier.camera, GAIN, 0.02, setback=0.03)
     assert blurred == pytest.approx(inward.clearance_along(scene, sharp), abs=1e-12)
+
+
+@given(
+    camera=cameras,
+    point=points,
+    motion=st.builds(Pose2, st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-1, 1)),
+    body=twists,
+    twist=twists,
+    lag=st.sampled_from([0.0, 0.12, 0.3]),
+    duration=st.floats(0.0, 0.9),
+    blur=st.sampled_from([0.0, 0.03]),
+    width=st.sampled_from([0.0, 0.4]),
+    forward=st.booleans(),
+)
+def test_clearance_along_refuses_only_what_its_corners_need_not_tell(
+    camera, point, motion, body, twist, lag, duration, blur, width, forward
+) -> None:
+    """Ahead of rotation centre and camera at every corner, and turned by less than the view."""
+    if forward:  # most cameras look ahead
+        camera = FieldOfView(
+            camera.half_angle, Pose2(camera.camera.x, camera.camera.y, 0.1 * camera.camera.theta)
+        )
+        point = (abs(point[0]), 0.4 * point[1])
+    seeing = FieldOfView(camera.half_angle, camera.camera, width)
+    barrier = FieldOfViewBarrier(seeing, GAIN, 0.02)
+    eroded = FieldOfViewBarrier(seeing, GAIN, 0.02, setback=blur)
+    scene = scene_of(Pose2(*point, 0.3))
+    sweep = Sweep.of(motion, body, lag, twist, duration)._replace(blur=blur)
+    turns = (body.omega * lag, twist.omega * duration, body.omega * lag + twist.omega * duration)
+    room = camera.half_angle - 0.02 - abs(camera.camera.theta)
+    ends = [point]
+    if width:
+        dx, dy = -0.5 * width * math.sin(0.3), 0.5 * width * math.cos(0.3)
+        ends = [(point[0] + s * dx, point[1] + s * dy) for s in (1.0, -1.0)]
+    coasted = motion.compose(arc(body, lag))
+    corners = [motion, coasted, *(pose.compose(arc(twist, duration)) for pose in (motion, coasted))]
+    margin = min(
+        room - max(map(abs, turns)),
+        *(pose.seen(end)[0] for pose in corners for end in ends),
+        *(eroded.kept.camera.seen(pose.seen(end))[0] for pose in corners for end in ends),
+    )
+    assume(abs(margin) > 1e-9)
+    along = barrier.clearance_along(scene, sweep)
+    assert (along == -math.inf) == (margin < 0.0)
+    if margin > 0.0:
+        expected = min(eroded.clearance(scene, pose) for pose in corners)
+        assert along == pytest.approx(expected, abs=1e-9)
+
+
+def test_clearance_along_at_the_ends_of_what_it_answers() -> None:
+    """Turned by all of the view, it answers; abreast of the camera or of the axle it refuses."""
+    rest, half = Twist(0.0, 0.0), 0.5
+    barrier = FieldOfViewBarrier(FieldOfView(half), GAIN)
+    scene = scene_of(Pose2(4.0, 0.0, 0.0))
+    for rate in (half, -half):
+        turned = Sweep.of(HERE, rest, 0.0, Twist(0.0, rate), 1.0)
+        assert barrier.clearance_along(scene, turned) == pytest.approx(0.0, abs=1e-15)
+        coasted = Sweep.of(HERE, Twist(0.0, rate), 1.0, rest, 0.0)
+        assert barrier.clearance_along(scene, coasted) == pytest.approx(0.0, abs=1e-15)
+        both = Sweep.of(HERE, Twist(0.0, 0.5 * rate), 1.0, Twist(0.0, 0.5 * rate), 1.0)
+        assert barrier.clearance_along(scene, both) == pytest.approx(0.0, abs=1e-15)
+        there_and_back = Sweep.of(HERE, Twist(0.0, rate), 1.0, Twist(0.0, -rate), 1.0)
+        assert barrier.clearance_along(scene, there_and_back) == pytest.approx(0.0, abs=1e-15)
+        for coast, brake in ((0.6, -0.3), (-0.3, 0.6), (0.3, 0.3)):  # each too far by itself
+            turns = Twist(0.0, 2.0 * rate * coast), Twist(0.0, 2.0 * rate * brake)
+            beyond = Sweep.of(HERE, turns[0], 1.0, turns[1], 1.0)
+            assert barrier.clearance_along(scene, beyond) == -math.inf
+    still = Sweep.of(HERE, rest, 0.0, rest, 0.0)
+    behind_axle = FieldOfViewBarrier(FieldOfView(half, Pose2(-0.5, 0.0, 0.0)), GAIN)
+    before_axle = FieldOfViewBarrier(FieldOfView(half, Pose2(0.5, 0.0, 0.0)), GAIN)
+    assert behind_axle.clearance_along(scene_of(Pose2(0.0, 0.0, 0.0)), still) == -math.inf
+    assert before_axle.clearance_along(scene_of(Pose2(0.5, 0.0, 0.0)), still) == -math.inf
+    away = Sweep.of(HERE, rest, 0.0, Twist(-1.0, 0.0), 0.5)
+    assert behind_axle.clearance_along(scene_of(Pose2(0.0, 0.0, 0.0)), away) == -math.inf
+    assert behind_axle.clearance_along(scene_of(Pose2(1e-9, 0.0, 0.0)), away) == half
+    onto = Sweep.of(HERE, rest, 0.0, Twist(1.0, 0.0), 1.0)
+    assert behind_axle.clearance_along(scene_of(Pose2(1.0, 0.0, 0.0)), onto) == -math.inf
+
+
+@given(
+    camera=cameras,
+    point=points,
+    motion=st.builds(Pose2, st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1)),
+    turn=st.floats(0.0, 0.6),
+    travel=st.floats(0.0, 0.4),
+    blur=st.floats(0.0, 0.05),
+    width=st.sampled_from([0.0, 0.4]),
+)
+def test_clearance_around_is_as_low_as_it_says_and_no_lower(
+    camera, point, motion, turn, travel, blur, width
+) -> None:
+    """The bearing, what is turned, and pi/3 of the way over the distance, up to half of that."""
+    barrier = FieldOfViewBarrier(FieldOfView(camera.half_angle, camera.camera, width), GAIN, 0.02)
+    heading = 0.3
+    scene = scene_of(Pose2(*point, heading))
+    half_angle = camera.half_angle - 0.02
+    moved = travel + math.dist(camera.camera[:2], (0.0, 0.0)) * turn + blur / math.sin(half_angle)
+    ends = [
+        (point[0] - s * width * math.sin(heading), point[1] + s * width * math.cos(heading))
+        for s in (-0.5, 0.5)
+    ]
+    reached = 0.0
+    for end in ends:
+        x, y = camera.camera.seen(motion.seen(end))
+        distance, bearing = math.hypot(x, y), abs(math.atan2(y, x))
+        assume(abs(moved - 0.5 * distance) > 1e-9)
+        shift = math.pi / 3 * moved / distance if moved < 0.5 * distance else math.inf
+        reached = max(reached, bearing + turn + shift)
+    assume(abs(reached - 0.5 * math.pi) > 1e-9)
+    expected = half_angle - reached if reached < 0.5 * math.pi else -math.inf
+    _, least = barrier.clearance_around(scene, Sweep(motion, turn=turn, travel=travel, blur=blur))
+    assert least == pytest.approx(expected, abs=1e-9)
+
+
+def test_clearance_around_at_its_ends() -> None:
+    barrier = FieldOfViewBarrier(FieldOfView(0.7), GAIN)
+    scene = scene_of(Pose2(2.0, 0.0, 0.0))
+    half_the_way = barrier.clearance_around(scene, Sweep(travel=1.0))
+    assert half_the_way == pytest.approx((0.7, 0.7 - math.pi / 6.0))
+    abreast = barrier.clearance_around(scene_of(Pose2(0.0, 2.0, 0.0)), Sweep())
+    assert abreast == (-math.inf, -math.inf)
+    at_the_camera = scene_of(Pose2(0.0, 0.0, 0.0))
+    assert barrier.clearance_around(at_the_camera, Sweep()) == (0.7, 0.7)
+    assert barrier.clearance_around(at_the_camera, Sweep(travel=1e-9)) == (0.7, -math.inf)
+    for bad in (math.nan, math.inf):
+        assert barrier.clearance_around(scene, Sweep(travel=bad))[1] == -math.inf
+    assert barrier.clearance_around(scene, Sweep(turn=0.5 * math.pi))[1] == -math.inf
+
+
+@given(
+    camera=cameras,
+    point=points,
+    motion=st.builds(Pose2, *[st.floats(-1.0, 1.0)] * 3),
+    width=st.sampled_from([0.0, 0.4]),
+)
+def test_rows_after_a_motion_are_those_of_the_scene_seen_from_there(
+    camera: FieldOfView, point: Point, motion: Pose2, width: float
+) -> None:
+    barrier = FieldOfViewBarrier(FieldOfView(camera.half_angle, camera.camera, width), GAIN)
+    feature = Pose2(*point, 0.3)
+    moved = barrier.rows(scene_of(feature), motion)
+    seen_there = barrier.rows(scene_of(motion.relative(feature)))
+    assert moved.names == seen_there.names
+    for got, wanted in zip(moved.coefficients, seen_there.coefficients, strict=True):
+        assert got == pytest.approx(wanted, abs=1e-12)
+    assert moved.values == pytest.approx(seen_there.values, abs=1e-12)
+
+
+def test_the_view_itself_has_neither_margin_nor_setback() -> None:
+    barrier = FieldOfViewBarrier(SKEWED, GAIN, 0.1, "side", 0.05)
+    assert barrier.bare == FieldOfViewBarrier(SKEWED, GAIN, name="side")
+    assert barrier.edges == camera_edges(SKEWED.eroded(0.1, 0.05))
+    assert barrier.bare.edges == camera_edges(SKEWED)
+    assert barrier.kept == SKEWED.eroded(0.1, 0.05)
+
+
+@given(
+    motion=st.builds(Pose2, *[st.floats(-1.0, 1.0)] * 3),
+    body=twists,
+    twist=twists,
+    lag=st.sampled_from([0.0, 0.25]),
+    duration=st.floats(0.0, 1.0),
+)
+def test_a_sweep_knows_how_far_it_reaches(
+    motion: Pose2, body: Twist, twist: Twist, lag: float, duration: float
+) -> None:
+    """Turn, travel and blur are bounds of what is drawn from it; its corners are arcs."""
+    sweep = Sweep.of(motion, body, lag, twist, duration)
+    assert sweep[:5] == (motion, body, lag, twist, duration)
+    assert sweep.turn == pytest.approx(abs(body.omega * lag) + abs(twist.omega * duration))
+    assert sweep.travel == pytest.approx(abs(body.v * lag) + abs(twist.v * duration))
+    area = abs(body.v * twist.omega - twist.v * body.omega) * lag * duration
+    assert sweep.blur == pytest.approx(area, abs=1e-15)
+    coasted, braked = motion.compose(arc(body, lag)), motion.compose(arc(twist, duration))
+    expected = (motion, coasted, braked, coasted.compose(arc(twist, duration)))
+    corners = sweep.corners()
+    assert len(corners) == (4 if lag else 2)
+    for got, wanted in zip(corners, expected if lag else (motion, braked), strict=True):
+        assert got == pytest.approx(wanted, abs=1e-12)
+
+
+def test_a_sweep_of_nothing() -> None:
+    rest = Twist(0.0, 0.0)
+    assert Sweep() == Sweep.of(Pose2(0.0, 0.0, 0.0), rest, 0.0, rest, 0.0)
+    assert isinstance(Sweep.of(HERE, rest, 0.0, rest, 0.0), Sweep)
 
 
 def test_clearance_along_refuses_what_its_corners_do_not_tell() -> None:

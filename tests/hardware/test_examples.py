@@ -25,7 +25,7 @@ def example(name):
 
 
 def test_all_examples_are_tested_here():
-    assert NAMES == ["dock_mujoco", "filter_cmd_vel", "jitter"]
+    assert NAMES == ["dock_can", "dock_mujoco", "filter_cmd_vel", "jitter"]
 
 
 @pytest.mark.parametrize("name", NAMES)

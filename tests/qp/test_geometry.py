@@ -10,11 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from clfcbf.qp.lexicographic import _unit as float_unit
+from clfcbf.qp.lexicographic import minimise
 from clfcbf.qp.objective import cost, ill_conditioned, line_minimum, minimiser, nearest_on_edge
 from clfcbf.qp.polygon import Delicate, box_polygon, clip
 from clfcbf.qp.projection import project
-from clfcbf.qp.rational import solve_rational
-from clfcbf.qp.relaxation import relax
+from clfcbf.qp.rational import _unit, solve_rational
+from clfcbf.qp.relaxation import relax, tightest
 
 small = st.integers(-400, 400).map(lambda k: k / 256)
 positive = st.integers(1, 400).map(lambda k: k / 256)
@@ -91,6 +93,14 @@ def test_conditioning_bounds_the_eigenvalue_ratio(q11, q22, ratio):
         assert not ill_conditioned((q11, q12, q22))
 
 
+@pytest.mark.parametrize(("gap", "ill"), [(2.0**-30, True), (2.0**-12, False)])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_equal_inputs_that_are_nearly_one_are_ill_conditioned(gap, ill, sign):
+    assert ill_conditioned((1.0, sign * (1.0 - gap), 1.0)) is ill
+    assert ill_conditioned((1.0, 0.0, 1.0)) is False
+    assert ill_conditioned((1.0, 0.0, 2.0**-30)) is True
+
+
 @st.composite
 def cuts(draw):
     a, c = draw(small), draw(small)
@@ -123,6 +133,61 @@ def test_clipping_keeps_the_points_that_hold(rows):
                 )
 
 
+directions = pytest.mark.parametrize("along", [(1, 0), (0, -1), (1, 1), (1, -1), (3, 4), (-4, 3)])
+places = pytest.mark.parametrize(
+    "centre", [(0, 0), (1000, 0), (0, 1000), (1000, -1000), (-1000, 1000), (-1000, -1000)]
+)
+
+
+def crossed(along, centre, tilt, number):
+    """A segment, and a row whose line crosses it in the middle at a small angle."""
+    dx, dy = number(along[0]), number(along[1])
+    x, y = number(centre[0]), number(centre[1])
+    a, c = number(tilt) * dx - dy, number(tilt) * dy + dx
+    return [(x - dx, y - dy), (x + dx, y + dy)], (a, c, a * x + c * y), (x, y)
+
+
+@directions
+@places
+def test_an_edge_along_a_row_is_kept_or_dropped_as_a_whole(along, centre):
+    """At angles that rounding hides; others are cut, wherever the edge lies and however it runs."""
+    for sign in (1, -1):
+        segment, row, _ = crossed(along, centre, Fraction(sign, 2**60), Fraction)
+        assert clip(segment, row, Fraction(0)) == segment
+        segment, row, middle = crossed(along, centre, Fraction(sign, 2**44), Fraction)
+        kept = clip(segment, row, Fraction(0))
+        assert set(kept) == {middle, segment[0] if sign > 0 else segment[1]}
+
+
+@directions
+@places
+def test_floats_leave_small_angles_to_fractions(along, centre):
+    noise = 2.0**-40 * 4000.0
+    for sign in (1.0, -1.0):
+        segment, row, _ = crossed(along, centre, sign * 2.0**-13, float)
+        with pytest.raises(Delicate):
+            clip(segment, row, noise)
+        segment, row, middle = crossed(along, centre, sign * 2.0**-7, float)
+        kept = clip(segment, row, noise)
+        assert len(kept) == 2
+        assert kept[0 if kept[1] in segment else 1] == pytest.approx(middle, abs=1e-9)
+        assert (segment[0] if sign > 0 else segment[1]) in kept
+
+
+@pytest.mark.parametrize("row", [(1.0, 1.0), (1.0, -1.0), (-3.0, 1.0), (0.25, -2.0), (-1.0, -4.0)])
+def test_floats_leave_a_touch_to_fractions(row):
+    """The nearest corner on the line to rounding, from either side: is anything left?"""
+    a, c = row
+    noise, square = 2.0**-30, box_polygon(-1.0, 1.0, -1.0, 1.0)
+    lowest = -abs(a) - abs(c)
+    for share in (-0.9, -0.1, 0.0, 0.1, 0.9):
+        with pytest.raises(Delicate):
+            clip(square, (a, c, lowest + share * noise * (abs(a) + abs(c))), noise)
+    assert clip(square, (a, c, lowest - 1.1 * noise * (abs(a) + abs(c))), noise) == []
+    assert len(clip(square, (a, c, lowest + 1.1 * noise * (abs(a) + abs(c))), noise)) == 3
+    assert clip(square, (a, c, -lowest), noise) == square
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(small, small), min_size=1, max_size=3))
 def test_relaxed_sets_are_thin(offsets):
@@ -138,6 +203,93 @@ def test_relaxed_sets_are_thin(offsets):
         assert violations == [slack] * len(polygon)
     else:
         assert max(violations) <= 0
+
+
+UNEVEN = (-1.0, 0.5, -0.75, 1.0)
+NOISE = 2.0**-40 * sum(map(abs, UNEVEN))
+
+
+def relaxed_exactly(levels):
+    rows = [[tuple(map(Fraction, row)) for row in level] for level in levels]
+    return relax(box_polygon(*map(Fraction, UNEVEN)), rows, _unit, Fraction(0))
+
+
+def test_relaxed_sets_are_the_same_on_floats():
+    """Corner by corner, and no ordinary level is left to fractions."""
+    rng = np.random.default_rng(5)
+    relaxed = 0
+    for _ in range(200):
+        levels = []
+        for _ in range(rng.integers(1, 3)):
+            angles = rng.uniform(-math.pi, math.pi, rng.integers(1, 5)).tolist()
+            through = rng.uniform(-1.5, 1.5, (len(angles), 2)).tolist()
+            levels.append(
+                [
+                    (math.cos(t), math.sin(t), math.cos(t) * x + math.sin(t) * y)
+                    for t, (x, y) in zip(angles, through, strict=True)
+                ]
+            )
+        polygon, slacks = relax(box_polygon(*UNEVEN), levels, float_unit, NOISE)
+        corners, exact_slacks = relaxed_exactly(levels)
+        assert slacks == pytest.approx([float(s) for s in exact_slacks], abs=1e-14)
+        assert len(polygon) == len(corners)
+        for ours, theirs in zip(polygon, corners, strict=True):
+            assert ours == pytest.approx([float(x) for x in theirs], abs=1e-14)
+        relaxed += any(slacks)
+    assert relaxed > 80
+
+
+@pytest.mark.parametrize("side", range(4))
+def test_what_is_left_along_a_side_of_the_box_is_all_of_it(side):
+    corners = box_polygon(*UNEVEN)
+    edge = [corners[side], corners[side - 3]]
+    a, c = ((0.0, 1.0), (-1.0, 0.0), (0.0, -1.0), (1.0, 0.0))[side]
+    b = a * edge[0][0] + c * edge[0][1] - 4.0
+    for factor in (1.0, 3.0, 0.1):
+        rows = [[(factor * a, factor * c, factor * b), (factor * a, factor * c, factor * b + 1.0)]]
+        for polygon, slacks in (
+            relax(corners, rows, float_unit, NOISE),
+            relaxed_exactly(rows),
+        ):
+            assert set(polygon) == set(edge)
+            assert slacks == pytest.approx([4.0], rel=1e-14)
+    first, last = (tuple(map(Fraction, corner)) for corner in edge)
+    along = (last[0] - first[0], last[1] - first[1])
+    for power, kept in ((60, {first, last}), (44, {first})):
+        for sign, ends in ((1, kept), (-1, kept if power == 60 else {last})):
+            tilt = Fraction(sign, 2**power)
+            row = (Fraction(a) + tilt * along[0], Fraction(c) + tilt * along[1], Fraction(b))
+            exact_corners = box_polygon(*map(Fraction, UNEVEN))
+            polygon, _ = relax(exact_corners, [[row]], _unit, Fraction(0))
+            assert set(polygon) == ends
+
+
+@pytest.mark.parametrize(("angle", "trusted"), [(2.0**-6, True), (2.0**-13, False)])
+@pytest.mark.parametrize("heading", [0.3, 1.9, -2.5, -1.0])
+def test_rows_of_nearly_one_direction_are_left_to_fractions(angle, trusted, heading):
+    level = [
+        (math.cos(t), math.sin(t), -3.0 - shift)
+        for t, shift in ((heading, 0.0), (heading + angle, 1e-3))
+    ]
+    if trusted:
+        polygon, slacks = relax(box_polygon(*UNEVEN), [level], float_unit, NOISE)
+        corners, exact_slacks = relaxed_exactly([level])
+        assert slacks == pytest.approx([float(s) for s in exact_slacks], abs=1e-13)
+        assert len(polygon) == len(corners)
+    else:
+        with pytest.raises(Delicate):
+            relax(box_polygon(*UNEVEN), [level], float_unit, NOISE)
+
+
+def test_of_rows_in_one_direction_the_tightest_counts():
+    unit_rows = [(0.6, 0.8, -2.0), (0.6, 0.8, -3.0), (0.6, 0.8, -2.5)]
+    assert tightest(unit_rows) == [(0.6, 0.8, -3.0)]
+    tilted = (0.6 + 0.8 * 2.0**-52, 0.8 - 0.6 * 2.0**-52, -4.0)
+    assert tightest([*unit_rows, tilted]) == [tilted]
+    opposite, across = (-0.6, -0.8, -5.0), (-0.8, 0.6, -6.0)
+    assert tightest([unit_rows[0], opposite, across]) == [unit_rows[0], opposite, across]
+    nearly = (0.6 + 0.8 * 2.0**-40, 0.8 - 0.6 * 2.0**-40, -4.0)
+    assert tightest([unit_rows[0], nearly]) == [unit_rows[0], nearly]
 
 
 def test_floats_ask_for_fractions_when_rounding_decides():
@@ -172,6 +324,92 @@ def test_floats_and_fractions_agree(rows, objective):
     assert isinstance(point, int) == (slacks[0] > 0.0)
     if not isinstance(point, int):
         assert point == pytest.approx((v, w), abs=1e-12)
+
+
+@pytest.mark.parametrize("penalty", [0.0, 10.0])
+@pytest.mark.parametrize("mixed", [0.0, 0.3])
+@pytest.mark.parametrize("box", [(-0.1, 0.3, -0.2, 0.3), (0.1, 0.1, -0.2, 0.3)])
+def test_ordinary_programs_need_no_fractions(box, mixed, penalty):
+    """Nor do those whose rows cannot all hold: fractions are for what rounding could turn."""
+    rng = np.random.default_rng(11)
+    relaxed = 0
+    for _ in range(150):
+        levels = []
+        for _ in range(rng.integers(1, 3)):
+            angles = rng.uniform(-math.pi, math.pi, rng.integers(0, 4)).tolist()
+            scales = rng.uniform(0.1, 5.0, len(angles)).tolist()
+            through = rng.uniform((-0.2, -0.3), 0.4, (len(angles), 2)).tolist()
+            levels.append(
+                [
+                    (k * math.cos(t), k * math.sin(t), k * (math.cos(t) * v + math.sin(t) * w))
+                    for t, k, (v, w) in zip(angles, scales, through, strict=True)
+                ]
+            )
+        nominal, soft = rng.uniform(-0.5, 0.5, 2).tolist(), rng.uniform(-1.0, 1.0, 3).tolist()
+        answer = minimise((1.0, mixed, 0.5, *nominal, penalty, *soft), box, levels)
+        assert answer.rational is False
+        relaxed += answer.relaxed
+    assert relaxed > 20
+
+
+@pytest.mark.parametrize("row", [(1.0, 1.0), (1.0, 3.0), (3.0, 1.0), (-1.0, 0.5)])
+@pytest.mark.parametrize("cut", [1e-12, 1e-13, 1e-14])
+def test_fractions_keep_a_row_that_cuts_off_next_to_nothing(row, cut):
+    """Less than floats can tell; the nominal command is the corner that is cut off."""
+    a, c = row
+    corner = (1.0 if a > 0 else -1.0, 1.0 if c > 0 else -1.0)
+    b = a * corner[0] + c * corner[1] - cut
+    objective = (1.0, 0.0, 1.0, *corner, 0.0, 0.0, 0.0, 0.0)
+    v, w, slacks = solve_rational(objective, (-1.0, 1.0, -1.0, 1.0), [[(a, c, b)]])
+    assert slacks == (0.0,)
+    gap = Fraction(a) * Fraction(v) + Fraction(c) * Fraction(w) - Fraction(b)
+    assert abs(gap) <= 4e-16 * (abs(a) + abs(c))
+
+
+@pytest.mark.parametrize("exponent", [-300, -240, -150, -101, -100, 0, 99, 100, 101, 150, 240, 300])
+def test_fractions_scale_rows_of_any_length(exponent):
+    """The slack is a distance, whatever the length of the row; to more digits than a float has."""
+    k = 2.0**exponent
+    objective = (1.0, 0.0, 1.0, 0.1, 0.2, 0.0, 0.0, 0.0, 0.0)
+    box, rows = (-1.0, 1.0, -1.0, 1.0), [(k, 2.0 * k, -6.0 * k), (-3.0, -1.0, -9.0)]
+    v, w, slacks = solve_rational(objective, box, [rows])
+    plain = solve_rational(objective, box, [[(1.0, 2.0, -6.0), (-3.0, -1.0, -9.0)]])
+    assert (v, w) == pytest.approx((plain.v, plain.omega), abs=1e-15)
+    distances = ((v + 2.0 * w + 6.0) / math.sqrt(5.0), (9.0 - 3.0 * v - w) / math.sqrt(10.0))
+    assert slacks == pytest.approx((max(distances),), rel=1e-14)
+
+
+@pytest.mark.parametrize("exponent", [-500, -300, -101, -100, -99, 0, 99, 100, 101, 300, 500])
+@pytest.mark.parametrize("row", [(3, 4, 1), (1, 0, -2), (0, -7, 5), (1, 1, 1), (2, -3, 0)])
+def test_unit_rows_are_of_length_one_to_a_hundred_bits(row, exponent):
+    k = Fraction(2) ** exponent
+    a, c, b = _unit(tuple(k * entry for entry in row))
+    assert all(isinstance(entry, Fraction) for entry in (a, c, b))
+    assert abs(a * a + c * c - 1) < Fraction(1, 2**97)
+    assert a * row[1] == c * row[0]
+    assert a * row[2] == b * row[0]
+    assert c * row[2] == b * row[1]
+    assert a * row[0] + c * row[1] > 0
+
+
+def test_a_slack_beyond_all_floats_is_infinite():
+    objective = (1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    answer = solve_rational(objective, (-1.0, 1.0, -1.0, 1.0), [[(1e-300, 0.0, -1e100)]])
+    assert answer == (-1.0, 0.0, (math.inf,))
+
+
+@pytest.mark.parametrize(
+    "point", [(0.25, 0.1), (-0.05, 0.25), (0.3, -0.2), (-0.1, 0.3), (0.0, 0.0)]
+)
+def test_fractions_leave_a_minimum_inside_where_it_is(point):
+    box = (-0.1, 0.3, -0.2, 0.3)
+    for mixed, penalty in ((0.0, 0.0), (0.4, 0.0), (0.4, 3.0)):
+        soft = (1.0, -2.0, point[0] - 2.0 * point[1])  # met by the point
+        objective = (1.0, mixed, 0.5, *point, penalty, *soft)
+        for levels in ([], [[(1.0, 1.0, 0.9)]], [[(1.0, 1.0, 0.4), (-1.0, 2.0, 0.75)]]):
+            answer = solve_rational(objective, box, levels)
+            assert answer[:2] == pytest.approx(point, abs=1e-15)
+            assert not any(answer.slacks)
 
 
 def test_degenerate_boxes():

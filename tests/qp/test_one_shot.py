@@ -108,3 +108,30 @@ def test_non_finite_data_is_flagged(value, place):
 def test_penalty_must_be_positive(penalty):
     with pytest.raises(ConfigurationError, match="penalty"):
         paper_program(WEIGHT, (0.0, 0.0), BOX, [], (1.0, 0.0, 0.0), penalty)
+
+
+def test_a_zero_row_that_holds_with_nothing_to_spare_is_feasible():
+    answer = paper_program(WEIGHT, (0.2, 0.1), BOX, [(0.0, 0.0, 0.0)], (1.0, 0.0, 1.0), 10.0)
+    assert answer == (0.2, 0.1, 0.0, True)
+
+
+@pytest.mark.parametrize(
+    ("box", "expected"),
+    [
+        ((0.1, 0.1, -0.2, 0.3), (0.1, 0.1)),
+        ((-0.1, 0.3, -0.15, -0.15), (0.2, -0.15)),
+        ((-0.3, 0.1, -0.4, 0.05), (0.1, 0.05)),
+        ((-0.3, -0.1, -0.4, -0.05), (-0.1, -0.05)),
+        ((0.25, 0.3, 0.15, 0.3), (0.25, 0.15)),
+    ],
+)
+def test_any_box_that_is_not_reversed_has_an_answer(box, expected):
+    answer = paper_program(WEIGHT, (0.2, 0.1), box, [], (0.0, 0.0, 1.0), 10.0)
+    assert answer == (*expected, 0.0, True)
+
+
+@pytest.mark.parametrize("box", [(0.1, -0.1, -0.2, 0.3), (-0.1, 0.1, 0.3, -0.2)])
+def test_a_reversed_box_has_none(box):
+    answer = paper_program(WEIGHT, (0.0, 0.0), box, [], (1.0, 0.0, 1.0), 10.0)
+    assert all(map(math.isnan, answer[:3]))
+    assert answer.feasible is False
