@@ -123,7 +123,8 @@ def test_each_error_adds_to_the_budget():
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("bearing", -0.1), ("age", math.nan), ("lag", (0.2, 0.1)), ("scale", math.inf)]
+    ("name", "value"),
+    [("bearing", -0.1), ("age", math.nan), ("lag", (0.2, 0.1)), ("scale", math.inf)],
 )  # fmt: skip
 def test_bounds_out_of_range(name, value):
     with pytest.raises(ConfigurationError, match=name):
