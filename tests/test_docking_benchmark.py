@@ -1,6 +1,7 @@
 """The docking benchmark: statistics against published values, paired runs, resuming, the report."""
 
 import csv
+import importlib.util
 import json
 import math
 from dataclasses import replace
@@ -247,6 +248,12 @@ def fake(run):
     }  # fmt: skip
 
 
+needs_the_extras = pytest.mark.skipif(
+    any(importlib.util.find_spec(package) is None for package in ("matplotlib", "tqdm")),
+    reason="the campaign draws and counts with the extras viz and cli",
+)
+
+
 @pytest.fixture
 def made(monkeypatch):
     """The runs that were made, in no time."""
@@ -260,6 +267,7 @@ def made(monkeypatch):
     return runs
 
 
+@needs_the_extras
 def test_a_campaign_of_real_runs(tmp_path, capsys):
     path = tmp_path / "d.json"
     options = [*QUICK, "--methods", "clf-cbf,pure-pursuit", "--runs", "2", "--json", str(path)]
@@ -282,6 +290,7 @@ def test_a_campaign_of_real_runs(tmp_path, capsys):
     assert document["summary"]["R3/A/clf-cbf"]["episodes"] == 2
 
 
+@needs_the_extras
 def test_resuming_makes_only_what_is_missing(tmp_path, made):
     path = tmp_path / "d.json"
     base = [*QUICK, "--json", str(path), "--resume"]
@@ -299,6 +308,7 @@ def test_resuming_makes_only_what_is_missing(tmp_path, made):
     assert first["tracks"].items() <= whole["tracks"].items()
 
 
+@needs_the_extras
 def test_resuming_after_a_change_is_refused(tmp_path, made, capsys):
     path = tmp_path / "d.json"
     base = [*QUICK, "--json", str(path), "--methods", "graceful", "--runs", "1"]
@@ -317,6 +327,7 @@ def test_resuming_after_a_change_is_refused(tmp_path, made, capsys):
     assert command.main([*base, "--resume"]) == 0
 
 
+@needs_the_extras
 def test_an_interruption_keeps_what_was_made_and_what_was_there(tmp_path, monkeypatch, capsys):
     path = tmp_path / "d.json"
     base = [*QUICK, "--json", str(path), "--methods", "clf-cbf", "--resume"]
@@ -337,6 +348,7 @@ def test_an_interruption_keeps_what_was_made_and_what_was_there(tmp_path, monkey
     assert sorted(r["index"] for r in json.loads(path.read_text())["episodes"]) == [0, 2, 3]
 
 
+@needs_the_extras
 def test_report_has_counts_tests_and_figures(tmp_path, made):
     path, out = tmp_path / "d.json", tmp_path / "report"
     options = [*QUICK, "--methods", "graceful,ablations", "--runs", "20", "--json", str(path)]
@@ -365,6 +377,7 @@ def test_report_has_counts_tests_and_figures(tmp_path, made):
     assert 12 <= len(kept) <= 20
 
 
+@needs_the_extras
 def test_report_without_ours_and_without_runs(tmp_path):
     store = Store(None, 0, ("R1",), ("graceful",))
     assert command.main(["report", "/no/such.json"]) == 2

@@ -14,7 +14,7 @@ from clfcbf.qp.lexicographic import _unit as float_unit
 from clfcbf.qp.lexicographic import minimise
 from clfcbf.qp.objective import cost, ill_conditioned, line_minimum, minimiser, nearest_on_edge
 from clfcbf.qp.polygon import Delicate, box_polygon, clip
-from clfcbf.qp.projection import project
+from clfcbf.qp.projection import _aslant, _in_a_wedge, check_trusted, project
 from clfcbf.qp.rational import _unit, solve_rational
 from clfcbf.qp.relaxation import relax, tightest
 
@@ -157,6 +157,19 @@ def test_an_edge_along_a_row_is_kept_or_dropped_as_a_whole(along, centre):
         segment, row, middle = crossed(along, centre, Fraction(sign, 2**44), Fraction)
         kept = clip(segment, row, Fraction(0))
         assert set(kept) == {middle, segment[0] if sign > 0 else segment[1]}
+
+
+@pytest.mark.parametrize("first", range(4))
+@pytest.mark.parametrize("top", [[(1, 2), (-1, 2)], [(0, 2)], [(2, 1), (1, 2), (-1, 2)]])
+@pytest.mark.parametrize("tilt", [Fraction(1, 2**60), Fraction(-1, 2**60)])
+def test_an_edge_along_a_row_is_found_wherever_it_is_listed(first, top, tilt):
+    bottom = [(-1, -1), (1, -1)]
+    corners = [(Fraction(x), Fraction(y)) for x, y in bottom + top]
+    first %= len(corners)
+    polygon = corners[first:] + corners[:first]
+    one = Fraction(1)
+    assert clip(polygon, (tilt, -one, one), Fraction(0)) == polygon
+    assert set(clip(polygon, (tilt, one, -one), Fraction(0))) == set(corners[:2])
 
 
 @directions
@@ -352,7 +365,130 @@ def test_ordinary_programs_need_no_fractions(box, mixed, penalty):
     assert relaxed > 20
 
 
-@pytest.mark.parametrize("row", [(1.0, 1.0), (1.0, 3.0), (3.0, 1.0), (-1.0, 0.5)])
+headings = pytest.mark.parametrize(
+    "heading", [0.0, 0.4, 1.2, math.pi / 2, 2.0, 3.0, -0.7, -1.9, -2.6]
+)
+
+
+def direction(heading, length=1.0):
+    return length * math.cos(heading), length * math.sin(heading)
+
+
+@headings
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 50.0])
+@pytest.mark.parametrize("back", [0.0, math.pi])
+def test_a_soft_row_at_a_small_angle_is_seen(heading, scale, back):
+    """Either way along: what floats leave to fractions starts at 2**-10."""
+    soft = direction(heading, 3.0 * scale)
+    for angle, small in ((2.0**-9, False), (2.0**-11, True), (0.0, True), (0.7, False)):
+        for sign in (1.0, -1.0):
+            row = (*direction(heading + back + sign * angle, 1.0 / scale), 0.3)
+            assert _aslant(row, *soft) is small
+
+
+TOUCH = 2.0**-40
+
+
+@headings
+@pytest.mark.parametrize("scale", [0.01, 1.0, 20.0])
+def test_a_wedge_is_two_lines_at_a_small_angle_through_the_point(heading, scale):
+    point = (0.125, -0.25)
+    box = (-8.0, 9.0, -10.0, 11.0)
+
+    def line(angle, length, past=0.0):
+        a, c = direction(angle, length)
+        size = abs(a) + abs(c)
+        return a, c, a * point[0] + c * point[1] + past * TOUCH * size
+
+    row = line(heading, scale)
+    for angle, small in ((2.0**-9, False), (2.0**-11, True), (2.0**-45, True), (2.0**-53, False)):
+        for sign in (1.0, -1.0):
+            near = line(heading + sign * angle, 2.0)
+            if small or angle > 1e-3:
+                assert _in_a_wedge(row, point, box, [near], TOUCH) is small
+            opposite = line(heading + math.pi + sign * angle, 3.0)
+            assert _in_a_wedge(row, point, box, [opposite], TOUCH) is (angle < 1e-3)
+    same = tuple(2.0 * entry for entry in row)
+    assert _in_a_wedge(row, point, box, [same], TOUCH) is False
+    slanted = heading + 2.0**-12
+    for past, near in ((1.5, True), (-1.5, True), (2.6, False), (-2.6, False), (1e6, False)):
+        assert _in_a_wedge(row, point, box, [line(slanted, 2.0, past)], TOUCH) is near
+    crossing = line(heading + 1.0, 1.0)
+    assert _in_a_wedge(row, point, box, [crossing, line(slanted, 2.0)], TOUCH) is True
+
+
+@pytest.mark.parametrize("side", range(4))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_wedge_with_a_side_of_the_box(side, sign):
+    box = (-0.5, 0.75, -0.25, 1.0)
+    outward = (0.0, math.pi, math.pi / 2, -math.pi / 2)[side]
+    point = [(0.75, 0.25), (-0.5, 0.25), (0.125, 1.0), (0.125, -0.25)][side]
+    for turned in (outward, outward + math.pi):
+        a, c = direction(turned + sign * 2.0**-12)
+        row = (a, c, a * point[0] + c * point[1])
+        assert _in_a_wedge(row, point, box, [], TOUCH) is True
+        inside = tuple(x - 0.01 * d for x, d in zip(point, direction(outward), strict=True))
+        assert _in_a_wedge(row, inside, box, [], TOUCH) is False
+    a, c = direction(outward + sign * 2.0**-8)
+    assert _in_a_wedge((a, c, a * point[0] + c * point[1]), point, box, [], TOUCH) is False
+    a, c = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))[side]
+    assert _in_a_wedge((a, c, a * point[0] + c * point[1]), point, box, [], TOUCH) is False
+    opposite = (-a, -c, -a * point[0] - c * point[1])
+    assert _in_a_wedge(opposite, point, box, [], TOUCH) is True
+
+
+@pytest.mark.parametrize(
+    ("objective", "trusted"),
+    [
+        ((1.0, 0.0, 1.0, 0.2, -0.3, 0.0, 0.0, 0.0, 0.0), True),
+        ((1.0, 0.0, 1.0, 600.0, 600.0, 0.0, 0.0, 0.0, 0.0), True),
+        ((1.0, 0.0, 1.0, 3000.0, 3000.0, 0.0, 0.0, 0.0, 0.0), False),
+        ((1.0, 0.0, 1.0, -3000.0, 3000.0, 0.0, 0.0, 0.0, 0.0), False),
+        ((1.0, 0.0, 1.0, 3000.0, -3000.0, 0.0, 0.0, 0.0, 0.0), False),
+        ((1.0, 0.0, 1.0, -5000.0, 0.0, 0.0, 0.0, 0.0, 0.0), False),
+        ((1.0, 0.0, 1.0, 0.0, -5000.0, 0.0, 0.0, 0.0, 0.0), False),
+        ((1.0, 1.0 - 2.0**-30, 1.0, 0.2, 0.1, 0.0, 0.0, 0.0, 0.0), False),
+        ((1.0, 0.0, 1.0, 0.2, 0.1, 1.0, 0.0, 0.0, 0.5), False),
+        ((1.0, 0.0, 1.0, 0.2, 0.1, 1.0, 1e-160, -1e-160, 0.5), False),
+        ((1.0, 0.0, 1.0, 0.2, 0.1, 1.0, -1e160, 1e160, 0.5), False),
+        ((1.0, 0.0, 1.0, 0.2, 0.1, 0.0, 1e160, 0.0, 0.5), True),
+        ((1.0, 0.0, 1.0, 0.2, 0.1, 1.0, -1e-100, 0.0, 0.5), True),
+        ((1.0, 0.0, 1.0, 0.2, 0.1, 1.0, 0.0, -1e100, 0.5), True),
+        ((1.0, 0.0, 1.0, 0.2, 0.1, 1.0, 0.5, -0.5, 0.5), True),
+    ],
+)
+def test_costs_that_floats_are_trusted_with(objective, trusted):
+    """Nominal commands within 2**10 sizes of the box, weights of one order, soft rows of any."""
+    box = (-1.0, 0.5, -0.5, 1.0)
+    if trusted:
+        check_trusted(objective, box)
+    else:
+        with pytest.raises(Delicate):
+            check_trusted(objective, box)
+
+
+@pytest.mark.parametrize("v", [-1.0, 0.25, 0.5, 2.0, -3.0])
+@pytest.mark.parametrize("w", [-0.5, 0.25, 1.0, 3.0, -2.0])
+@pytest.mark.parametrize("mixed", [0.0, 0.4])
+def test_a_nominal_command_on_a_side_of_the_box_stays_on_it(v, w, mixed):
+    """Each coordinate inside, on a side or outside, in every combination."""
+    objective, box = (1.0, mixed, 0.5, v, w, 0.0, 0.0, 0.0, 0.0), (-1.0, 0.5, -0.5, 1.0)
+    exactly = solve_rational(objective, box, [])
+    assert project(objective, box, []) == pytest.approx(exactly[:2], abs=1e-15)
+    if not mixed:
+        assert exactly[:2] == (min(max(v, -1.0), 0.5), min(max(w, -0.5), 1.0))
+
+
+@pytest.mark.parametrize("cost_of", [(1.0, 0.0, 1.0, 1e5, 1e5), (1.0, 0.0, 2.0**-40, 2.0, 2.0)])
+def test_costs_that_floats_are_not_trusted_with_are_not_taken_along_a_row(cost_of):
+    """A corner of the box needs no trust, with weights of no cross term."""
+    objective, box = (*cost_of, 0.0, 0.0, 0.0, 0.0), (-1.0, 0.5, -0.5, 1.0)
+    with pytest.raises(Delicate):
+        project(objective, box, [[(1.0, 1.0, 0.7)]])
+    assert project(objective, box, [[(1.0, 1.0, 1.7)]]) == (0.5, 1.0)
+
+
+@pytest.mark.parametrize("row", [(1.0, 1.0), (1.0, 3.0), (3.0, 1.0), (-1.0, 0.5), (0.5, -1.0)])
 @pytest.mark.parametrize("cut", [1e-12, 1e-13, 1e-14])
 def test_fractions_keep_a_row_that_cuts_off_next_to_nothing(row, cut):
     """Less than floats can tell; the nominal command is the corner that is cut off."""
@@ -416,3 +552,7 @@ def test_degenerate_boxes():
     assert box_polygon(1.0, 1.0, 2.0, 2.0) == [(1.0, 2.0)]
     assert sorted(box_polygon(1.0, 1.0, 2.0, 3.0)) == [(1.0, 2.0), (1.0, 3.0)]
     assert sorted(box_polygon(0.0, 1.0, 2.0, 2.0)) == [(0.0, 2.0), (1.0, 2.0)]
+    assert box_polygon(-1.0, -1.0, -2.0, -2.0) == [(-1.0, -2.0)]
+    assert sorted(box_polygon(-1.0, -1.0, -2.0, 3.0)) == [(-1.0, -2.0), (-1.0, 3.0)]
+    assert sorted(box_polygon(-3.0, 1.0, -2.0, -2.0)) == [(-3.0, -2.0), (1.0, -2.0)]
+    assert box_polygon(-3.0, 1.0, -2.0, 4.0) == [(-3.0, -2.0), (1.0, -2.0), (1.0, 4.0), (-3.0, 4.0)]
