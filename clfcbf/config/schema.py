@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import types
 import typing
@@ -149,15 +150,16 @@ def _simple(hint: Any) -> Any:
 
 def _attributes(doc: str) -> dict[str, str]:
     """What a NumPy docstring says of each attribute, by name."""
-    lines = doc.split("Attributes\n", 1)[-1].splitlines()
+    # Some interpreters have already taken the indentation off.
+    lines = inspect.cleandoc(doc).split("Attributes\n", 1)[-1].splitlines()
     told: dict[str, str] = {}
     names: list[str] = []
     for line in lines:
-        entry = re.fullmatch(r" {4}(\w+(?:, \w+)*) : (.*)", line)
+        entry = re.fullmatch(r"(\w+(?:, \w+)*) : (.*)", line)
         if entry:
             names = entry[1].split(", ")
             told.update(dict.fromkeys(names, entry[2]))
-        elif names and line.startswith(" " * 8):
+        elif names and line.startswith(" " * 4):
             told.update({name: f"{told[name]} {line.strip()}" for name in names})
         else:
             names = []

@@ -467,16 +467,35 @@ def test_costs_that_floats_are_trusted_with(objective, trusted):
             check_trusted(objective, box)
 
 
-@pytest.mark.parametrize("v", [-1.0, 0.25, 0.5, 2.0, -3.0])
-@pytest.mark.parametrize("w", [-0.5, 0.25, 1.0, 3.0, -2.0])
-@pytest.mark.parametrize("mixed", [0.0, 0.4])
-def test_a_nominal_command_on_a_side_of_the_box_stays_on_it(v, w, mixed):
+@pytest.mark.parametrize("v", [-3.0, -1.0, -0.75, 0.25, 0.5, 0.75, 2.0])
+@pytest.mark.parametrize("w", [-2.0, -0.75, -0.5, 0.25, 0.75, 1.0, 3.0])
+@pytest.mark.parametrize("box", [(-1.0, 0.5, -0.5, 1.0), (-0.5, 1.0, -1.0, 0.5)])
+def test_a_nominal_command_on_a_side_of_the_box_stays_on_it(v, w, box):
     """Each coordinate inside, on a side or outside, in every combination."""
-    objective, box = (1.0, mixed, 0.5, v, w, 0.0, 0.0, 0.0, 0.0), (-1.0, 0.5, -0.5, 1.0)
-    exactly = solve_rational(objective, box, [])
-    assert project(objective, box, []) == pytest.approx(exactly[:2], abs=1e-15)
-    if not mixed:
-        assert exactly[:2] == (min(max(v, -1.0), 0.5), min(max(w, -0.5), 1.0))
+    for mixed in (0.0, 0.4):
+        objective = (1.0, mixed, 0.5, v, w, 0.0, 0.0, 0.0, 0.0)
+        exactly = solve_rational(objective, box, [])
+        assert project(objective, box, []) == pytest.approx(exactly[:2], abs=1e-15)
+        if not mixed:
+            assert exactly[:2] == (min(max(v, box[0]), box[1]), min(max(w, box[2]), box[3]))
+
+
+@pytest.mark.parametrize("heading", [0.4, 1.2, 2.0, -0.7, -2.6])
+@pytest.mark.parametrize("angle", [2.0**-12, -(2.0**-12)])
+def test_a_soft_row_next_to_a_hard_one_is_left_to_fractions(heading, angle):
+    soft = (*direction(heading), 0.6)  # pulls to the far side of the row
+    objective, box = (1.0, 0.0, 0.5, 0.4, 0.3, 10.0, *soft), (-1.0, 1.0, -1.0, 1.0)
+
+    def cut(turned):
+        a, c = direction(turned)
+        return (a, c, a * 0.05 + c * 0.02 - 0.1)
+
+    with pytest.raises(Delicate):
+        project(objective, box, [[cut(heading + angle)]])
+    for other in (math.pi - heading, -heading):  # in a mirror it is at a large angle
+        point = project(objective, box, [[cut(other)]])
+        exactly = solve_rational(objective, box, [[cut(other)]])
+        assert point == pytest.approx(exactly[:2], abs=1e-12)
 
 
 @pytest.mark.parametrize("cost_of", [(1.0, 0.0, 1.0, 1e5, 1e5), (1.0, 0.0, 2.0**-40, 2.0, 2.0)])
