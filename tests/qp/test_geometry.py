@@ -277,6 +277,24 @@ def test_what_is_left_along_a_side_of_the_box_is_all_of_it(side):
             assert set(polygon) == ends
 
 
+@pytest.mark.parametrize("row", [(1.0, 0.0), (-2.0, 0.0), (0.0, 3.0), (0.0, -1.0)])
+def test_what_is_left_of_a_level_that_cannot_hold_is_chosen_from_to_the_last_digits(row):
+    """A side of the box is left: the nearest point on it, by fractions for a far nominal command."""
+    levels = [[(*row, -9.0)], [(0.3, 0.4, 0.9)]]
+    for nominal, rational in (
+        ((0.2, 0.1), False), ((-0.4, 0.6), False), ((2.0, -3.0), False), ((-2.0, 3.0), False),
+        ((1e5, 1e5), True), ((1e5, -1e5), True), ((-1e5, 1e5), True), ((0.0, -1e5), True),
+        ((-1e5, 0.0), True),
+    ):  # fmt: skip
+        for mixed in (0.0, 0.3, -0.3):
+            objective = (1.0, mixed, 0.5, *nominal, 0.0, 0.0, 0.0, 0.0)
+            answer = minimise(objective, UNEVEN, levels)
+            exactly = solve_rational(objective, UNEVEN, levels)
+            assert answer[:2] == pytest.approx(exactly[:2], abs=1e-12)
+            assert answer.slacks == pytest.approx(exactly.slacks, abs=1e-12)
+            assert answer.rational is rational
+
+
 @pytest.mark.parametrize(("angle", "trusted"), [(2.0**-6, True), (2.0**-13, False)])
 @pytest.mark.parametrize("heading", [0.3, 1.9, -2.5, -1.0])
 def test_rows_of_nearly_one_direction_are_left_to_fractions(angle, trusted, heading):
