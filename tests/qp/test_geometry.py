@@ -279,7 +279,7 @@ def test_what_is_left_along_a_side_of_the_box_is_all_of_it(side):
 
 @pytest.mark.parametrize("row", [(1.0, 0.0), (-2.0, 0.0), (0.0, 3.0), (0.0, -1.0)])
 def test_what_is_left_of_a_level_that_cannot_hold_is_chosen_from_to_the_last_digits(row):
-    """A side of the box is left: the nearest point on it, by fractions for a far nominal command."""
+    """A side of the box: the nearest point on it, by fractions for a far nominal command."""
     levels = [[(*row, -9.0)], [(0.3, 0.4, 0.9)]]
     for nominal, rational in (
         ((0.2, 0.1), False), ((-0.4, 0.6), False), ((2.0, -3.0), False), ((-2.0, 3.0), False),
