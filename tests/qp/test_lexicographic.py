@@ -294,6 +294,37 @@ def test_degenerate_box_is_a_point():
     assert answer.slacks == pytest.approx((0.4 / math.sqrt(2.0),), rel=1e-14)
 
 
+@pytest.mark.parametrize(
+    "box",
+    [(0.1, 0.3, 0.15, 0.4), (-0.3, -0.1, -0.4, -0.15), (-0.2, 0.2, -0.3, 0.3),
+     (-0.1, 0.3, -0.3, 0.3), (-0.2, 0.2, 0.1, 0.4), (-0.4, 0.1, -0.1, 0.5)],
+)  # fmt: skip
+def test_boxes_on_either_side_of_rest(reference, box):
+    """Without zero in them, or symmetric about it: clipped, and cut by a row, as by enumeration."""
+    places = [-0.5, -0.35, -0.25, -0.12, -0.05, 0.0, 0.05, 0.12, 0.25, 0.35, 0.5]
+    for v in places:
+        for w in places:
+            answer = solve_lexicographic(WEIGHT, (v, w), box, [])
+            clipped = (min(max(v, box[0]), box[1]), min(max(w, box[2]), box[3]))
+            assert (answer.v, answer.omega) == clipped
+    middle = (0.5 * (box[0] + box[1]), 0.5 * (box[2] + box[3]))
+    row = (3.0, -4.0, 3.0 * middle[0] - 4.0 * middle[1])
+    for nominal in ((0.5, -0.5), (0.1, -0.2), (0.0, -0.6), (0.6, 0.0)):
+        answer = solve_lexicographic(WEIGHT, nominal, box, [[row]])
+        point, slacks = reference.lexicographic(WEIGHT, nominal, box, [[row]])
+        assert abs(Fraction(answer.v) - point[0]) <= 1e-13
+        assert abs(Fraction(answer.omega) - point[1]) <= 1e-13
+        assert not any(answer.slacks)
+        assert not any(slacks)
+
+
+def test_a_zero_row_with_nothing_to_spare_holds():
+    for nominal in ((0.1, 0.1), (0.9, 0.9)):
+        answer = solve_lexicographic(WEIGHT, nominal, BOX, [[(0.0, 0.0, 0.0)]])
+        assert answer.violated == ()
+        assert not answer.relaxed
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("place", range(9))
 def test_non_finite_data_gives_no_answer(value, place):
