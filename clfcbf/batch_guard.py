@@ -7,11 +7,11 @@ One column a robot: twists are arrays of shape (2, n), points (p, 2, n), poses (
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from clfcbf.camera import FieldOfView
 from clfcbf.constraints.cbf import camera_edges
@@ -217,13 +217,15 @@ class ArrayGuard:
         answer = ArrayGuarded(
             safe.copy(), brakes, np.full(len(floor), BRAKED), brakes.verified.copy(), floor
         )
-        at = np.flatnonzero(floor == floor)
-        for other in between(safe, wanted, box):
-            if not at.size:
-                break
-            new = self.brakes_from(other[:, at])
+        sought = np.flatnonzero(floor == floor)
+        way = wanted - safe
+        less, half, more = FALLBACKS
+
+        def admit(at: NDArray[np.intp], other: Array) -> Mask:
+            """Send ``other`` where it is admissible, of the robots ``at``."""
+            new = self.brakes_from(clipped(box[:, at], other[:, at]))
             good = self.admissible(points[:, :, at], body[:, at], new, floor[at])
-            here, at = at[good], at[~good]
+            here = at[good]
             answer.twist[:, here] = answer.brakes.twist[:, here] = new.twist[:, good]
             answer.brakes.ticks[here] = new.ticks[good]
             sure = self._certifies(
@@ -231,6 +233,16 @@ class ArrayGuard:
             )
             answer.brakes.verified[here] = answer.certified[here] = sure
             answer.verdict[here] = REPLACED
+            return good
+
+        found = admit(sought, safe + half * way)
+        admit(sought[found], safe + more * way)
+        sought = sought[~found]
+        for other in (
+            safe + less * way, np.stack((safe[0], wanted[1])), np.stack((wanted[0], safe[1]))
+        ):  # fmt: skip
+            if sought.size:
+                sought = sought[~admit(sought, other)]
         return answer
 
     def _inward(self, wanted: Array, safe: Array, points: Array) -> Array:
@@ -265,12 +277,3 @@ class ArrayGuard:
             np.where(follows, last.ticks, fresh.ticks),
             np.where(follows, last.verified, fresh.verified),
         )
-
-
-def between(safe: Array, wanted: Array, box: Array) -> Iterator[Array]:
-    """Commands ever closer from the wanted one to the brake, all inside the box."""
-    way = wanted - safe
-    for share in FALLBACKS:
-        yield clipped(box, safe + share * way)
-    yield clipped(box, np.stack((safe[0], wanted[1])))
-    yield clipped(box, np.stack((wanted[0], safe[1])))

@@ -19,8 +19,8 @@ a recomputed :math:`N` fails to drop by one in some brakes.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
 
@@ -38,8 +38,8 @@ _new = tuple.__new__  # makes a named tuple in half the time of its own construc
 ROUNDING = 1e-12
 """[m/s, rad/s, and the barriers' units] By which two ways to compute one number may differ."""
 
-FALLBACKS = (0.75, 0.5, 0.25)
-"""Shares of the way from the brake to the wanted command that are tried in between."""
+FALLBACKS = (0.25, 0.5, 0.75)
+"""Shares of the way from the brake to the wanted command that may be tried, by bisection."""
 
 
 class Brake(NamedTuple):
@@ -56,7 +56,9 @@ class Brake(NamedTuple):
         """One tick on: the same curvature, slower by one part in ``ticks``."""
         if self.ticks <= 1:
             return Brake(_REST, 0, self.ticks == 0 or self.verified)
-        return Brake(self.twist.scaled(1.0 - 1.0 / self.ticks), self.ticks - 1, self.verified)
+        (v, omega), ticks, verified = self
+        factor = 1.0 - 1.0 / ticks
+        return _new(Brake, (_new(Twist, (v * factor, omega * factor)), ticks - 1, verified))
 
 
 class Verdict(Enum):
@@ -104,15 +106,18 @@ class Guard:
     barriers: tuple[Barrier, ...]
     period: float
     lag: float = 0.0
+    _bare: tuple[Barrier, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_period(self.period)
         if not 0.0 <= self.lag < 10.0:
             raise ConfigurationError(f"lag must be in [0, 10) s, got {self.lag!r}")
+        bare = tuple([getattr(barrier, "bare", barrier) for barrier in self.barriers])
+        object.__setattr__(self, "_bare", bare)
 
     def clearance(self, scene: Scene, motion: Pose2 = HERE) -> float:
         """Smallest clearance of any barrier, each in its own unit; +inf without barriers."""
-        return min((b.clearance(scene, motion) for b in self.barriers), default=math.inf)
+        return min([b.clearance(scene, motion) for b in self.barriers], default=math.inf)
 
     def brake_from(self, twist: Twist) -> Brake:
         """The same-curvature brake from ``twist``."""
@@ -149,13 +154,16 @@ class Guard:
         camera whose view contains the forward direction even when turned by the arc.
         """
         if not floors:
-            return all(barrier.clearance_along(scene, sweep) >= 0.0 for barrier in self.barriers)
-        sharp = sweep._replace(blur=0.0)
+            for barrier in self.barriers:  # noqa: SIM110  # a generator costs more than a test
+                if not barrier.clearance_along(scene, sweep) >= 0.0:
+                    return False
+            return True
+        coasted, sharp = _coasted(sweep), _new(Sweep, (*sweep[:7], 0.0))
         for barrier, floor in zip(self.barriers, floors, strict=True):
             if floor == 0.0:
                 least = barrier.clearance_along(scene, sweep)
             else:  # outside, what no command can change is no reason to refuse the way back
-                floor = min(floor, barrier.clearance(scene, _coasted(sweep)))
+                floor = min(floor, barrier.clearance(scene, coasted))
                 least = barrier.clearance_along(scene, sharp)
             if not least >= floor - ROUNDING:  # it is the clearance at one end of the sweep
                 return False
@@ -181,8 +189,8 @@ class Guard:
         brake : the brake certified at the last tick
         motion : how the robot moved since the scene was seen
         """
-        period = self.period
-        ticks = self.limits.brake_ticks(wanted, period)
+        period, limits = self.period, self.limits
+        ticks = limits.brake_ticks(wanted, period)
         sweep = Sweep.of(motion, body, self.lag, wanted, 0.5 * period * (ticks + 1))
         clearance = least = math.inf
         for barrier in self.barriers:
@@ -192,19 +200,24 @@ class Guard:
         if clearance < 0.0:
             return self._outside(wanted, scene, sweep, box, brake)
         if least >= 0.0 or self.admissible(scene, sweep):
-            sure = self.limits.contains(wanted, ROUNDING)
+            sure = limits.contains(wanted, ROUNDING)
             kept = _new(Brake, (wanted, ticks, sure))
             return _new(Guarded, (wanted, kept, _ADMITTED, sure, clearance))
+
+        def admit(other: Twist) -> Guarded | None:
+            ticks = limits.brake_ticks(other, period)
+            around = Sweep.of(motion, body, self.lag, other, 0.5 * period * (ticks + 1))
+            if not self.admissible(scene, around):
+                return None
+            sure = limits.contains(other, ROUNDING)
+            kept = _new(Brake, (other, ticks, sure))
+            return _new(Guarded, (other, kept, Verdict.REPLACED, sure, clearance))
+
         last = brake.next()
-        coasted = _coasted(sweep)
-        if self.clearance(scene, coasted) >= 0.0:  # else nothing that is sent can help
-            for other in _between(box.clip(last.twist), wanted, box):
-                new = self.brake_from(other)
-                if self.admissible(scene, self.sweep(body, new, motion)):
-                    sure = self.limits.contains(other, ROUNDING)
-                    kept = Brake(other, new.ticks, sure)
-                    return Guarded(other, kept, Verdict.REPLACED, sure, clearance)
-        return self._braked(last, box, clearance)
+        found = None
+        if self.clearance(scene, _coasted(sweep)) >= 0.0:  # else nothing that is sent can help
+            found = _nearest(box.clip(last.twist), wanted, box, admit)
+        return self._braked(last, box, clearance) if found is None else found
 
     def _outside(
         self, wanted: Twist, scene: Scene, sweep: Sweep, box: InputBox, brake: Brake
@@ -224,19 +237,26 @@ class Guard:
         heres = tuple([barrier.clearance(scene, motion) for barrier in self.barriers])
         floors = tuple([min(0.0, here) for here in heres])
         clearance = min(heres)
+
+        def admit(other: Twist) -> Guarded | None:
+            brake = self.brake_from(other)
+            around = self.sweep(body, brake, motion)
+            if not self.admissible(scene, around, floors):
+                return None
+            sure = self._certifies(scene, around, floors)
+            verdict = _ADMITTED if other == wanted else Verdict.REPLACED
+            kept = _new(Brake, (other, brake[1], sure))
+            return _new(Guarded, (other, kept, verdict, sure, clearance))
+
         last = brake.next()
-        safe = box.clip(last.twist)
+        found = None
         if clearance > -math.inf:
+            safe = box.clip(last.twist)
             inward = self._inward(wanted, safe, scene, motion)
-            for other in (inward, *_between(safe, inward, box)):
-                new = self.brake_from(other)
-                around = self.sweep(body, new, motion)
-                if self.admissible(scene, around, floors):
-                    sure = self._certifies(scene, around, floors)
-                    kept = Brake(other, new.ticks, sure)
-                    verdict = Verdict.ADMITTED if other == wanted else Verdict.REPLACED
-                    return Guarded(other, kept, verdict, sure, clearance)
-        return self._braked(last, box, clearance)
+            found = admit(inward)
+            if found is None:
+                found = _nearest(safe, inward, box, admit)
+        return self._braked(last, box, clearance) if found is None else found
 
     def _inward(self, wanted: Twist, safe: Twist, scene: Scene, motion: Pose2) -> Twist:
         """``wanted`` with each part that drives out more than the brake's replaced by that."""
@@ -251,11 +271,12 @@ class Guard:
 
     def _certifies(self, scene: Scene, sweep: Sweep, floors: tuple[float, ...]) -> bool:
         """Whether an admitted command's brake keeps every barrier but for its reserve."""
-        for barrier, floor in zip(self.barriers, floors, strict=True):
-            bare: Barrier = getattr(barrier, "bare", barrier)
-            for motion in (sweep.motion, _coasted(sweep)) if floor < 0.0 else ():
-                if not bare.clearance(scene, motion) >= 0.0:
-                    return False
+        ends = sweep.motion, _coasted(sweep)
+        for bare, floor in zip(self._bare, floors, strict=True):
+            if floor < 0.0:
+                for motion in ends:
+                    if not bare.clearance(scene, motion) >= 0.0:
+                        return False
         return self.limits.contains(sweep.twist, ROUNDING)
 
     def _braked(self, last: Brake, box: InputBox, clearance: float) -> Guarded:
@@ -271,13 +292,24 @@ def _coasted(sweep: Sweep) -> Pose2:
     return sweep.motion.moved(sweep.body, sweep.lag)
 
 
-def _between(safe: Twist, wanted: Twist, box: InputBox) -> Iterator[Twist]:
-    """Commands ever closer from the wanted one to the brake, all inside the box."""
+def _nearest(
+    safe: Twist, wanted: Twist, box: InputBox, admit: Callable[[Twist], Guarded | None]
+) -> Guarded | None:
+    """The admitted command nearest to the wanted one on the way there from the brake.
+
+    By bisection; where none is found, one part of the brake with the other of the wanted command.
+    """
     v, omega = safe
     dv, dw = wanted[0] - v, wanted[1] - omega
     if not dv and not dw:  # the brake itself was wanted, and refused
-        return
-    for share in FALLBACKS:
-        yield box.clip(Twist(v + share * dv, omega + share * dw))
-    yield box.clip(Twist(v, wanted[1]))
-    yield box.clip(Twist(wanted[0], omega))
+        return None
+    less, half, more = FALLBACKS
+    found = admit(box.clip(_new(Twist, (v + half * dv, omega + half * dw))))
+    share = less if found is None else more
+    further = admit(box.clip(_new(Twist, (v + share * dv, omega + share * dw))))
+    return (
+        further
+        or found
+        or admit(box.clip(_new(Twist, (v, wanted[1]))))
+        or admit(box.clip(_new(Twist, (wanted[0], omega))))
+    )

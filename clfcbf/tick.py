@@ -48,6 +48,7 @@ _new = tuple.__new__  # makes a named tuple in half the time of its own construc
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
 _REST = Twist(0.0, 0.0)
 
+_STABILITY = Priority.STABILITY
 _ADMITTED, _OPTIMAL, _CLOCK_ERROR = Verdict.ADMITTED, Status.OPTIMAL, Status.CLOCK_ERROR
 
 _LATE = 1.5
@@ -238,10 +239,12 @@ def finish(
     _, box, reckoning, last, _, late, since = begun
     blocks = (*[barrier.rows(scene, ahead) for barrier in config.barriers], *wishes)
     if len(blocks) == 2 and blocks[0][2] < blocks[1][2]:  # as nearly always
-        (_, first, _, _), (_, second, _, _) = blocks
+        (_, first, hard, _), (_, second, soft, _) = blocks
+        priorities: Sequence[int] = (hard, soft)
         levels: list[Sequence[Row]] = [first, second]
     else:
-        levels = list(_levels(blocks).values())
+        by_priority = _levels(blocks)
+        priorities, levels = tuple(by_priority), list(by_priority.values())
     answer = solve_ladder(config.weight, nominal, box, levels, config.backend)
     if answer is None or not _verified(answer, box, levels):
         braked, after = stop(begun, Status.SOLVER_FAILED, config)
@@ -252,11 +255,11 @@ def finish(
     slack = barrier_slack = 0.0
     relaxed = answer.relaxed
     if relaxed:
-        for priority, amount in zip(_levels(blocks), answer.slacks, strict=True):
-            if priority >= Priority.STABILITY:
-                slack = max(slack, amount)
-            else:
-                barrier_slack = max(barrier_slack, amount)
+        for priority, amount in zip(priorities, answer.slacks, strict=True):
+            if priority >= _STABILITY:
+                slack = amount if amount > slack else slack
+            elif amount > barrier_slack:
+                barrier_slack = amount
     twist, brake, verdict, certified, clearance = outcome
     if late and certified:
         certified, brake = False, Brake(twist, brake.ticks, brake.ticks == 0)

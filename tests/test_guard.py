@@ -14,7 +14,7 @@ from clfcbf.constraints.cbf import FieldOfViewBarrier
 from clfcbf.constraints.rows import Priority, Rows
 from clfcbf.errors import ConfigurationError
 from clfcbf.estimation import body_after
-from clfcbf.guard import FALLBACKS, ROUNDING, Brake, Guard, Verdict, moved_scene
+from clfcbf.guard import ROUNDING, Brake, Guard, Verdict, moved_scene
 from clfcbf.limits import InputBox, Limits
 from clfcbf.scene import Scene
 from clfcbf.se2 import Pose2, Twist, arc
@@ -288,13 +288,34 @@ MOVED = Pose2(0.1, -0.05, 0.2)
 unit = st.floats(0.0, 1.0)
 
 
-def tried_between(safe, wanted, box):
+SHARES = (0.25, 0.5, 0.75)
+PARTS = 5  # commands that may be sent in place of a refused one
+
+
+def candidates_between(safe, wanted, box):
     """What may be sent instead: parts of the way from the brake, then one part of the command."""
-    if safe == wanted:
-        return []
     dv, dw = wanted.v - safe.v, wanted.omega - safe.omega
-    way = [Twist(safe.v + k * dv, safe.omega + k * dw) for k in (0.75, 0.5, 0.25)]
+    way = [Twist(safe.v + k * dv, safe.omega + k * dw) for k in SHARES]
     return [box.clip(t) for t in (*way, Twist(safe.v, wanted.omega), Twist(wanted.v, safe.omega))]
+
+
+def tried_between(safe, wanted, box, good=lambda _: False):
+    """What is tried in place of ``wanted``, in order, and what is sent of it."""
+    if safe == wanted:
+        return [], None
+    less, half, more, *parts = candidates_between(safe, wanted, box)
+    if good(half):
+        return [half, more], more if good(more) else half
+    tried = [half]
+    for other in (less, *parts):
+        tried.append(other)
+        if good(other):
+            return tried, other
+    return tried, None
+
+
+def one_of(twists):
+    return lambda twist: any(twist == pytest.approx(other) for other in twists)
 
 
 def assert_asked(barrier, guard, expected, body=BODY, motion=MOVED):
@@ -327,32 +348,30 @@ def ticks_of_the_guard(draw):
     return box.clip(inside()), box, brake
 
 
-@given(ticks_of_the_guard(), st.integers(0, 6))
-def test_the_first_admissible_of_the_candidates_is_sent(case, index):
+admitted_parts = st.sets(st.integers(0, PARTS - 1))
+
+
+@given(ticks_of_the_guard(), st.booleans(), admitted_parts)
+def test_the_nearest_admissible_found_by_bisection_is_sent(case, whole, parts):
     wanted, box, brake = case
     safe = box.clip(brake.next().twist)
-    candidates = [wanted, *tried_between(safe, wanted, box)]
-    chosen = candidates[index] if index < len(candidates) else None
-    barrier = Scripted(along=lambda twist: 0.0 if twist == pytest.approx(chosen) else -1.0)
-    if chosen is None:
-        barrier.along = -1.0
+    between = candidates_between(safe, wanted, box)
+    good = one_of([*([wanted] if whole else []), *[between[i] for i in sorted(parts)]])
+    barrier = Scripted(along=lambda twist: 0.0 if good(twist) else -1.0)
     barrier.motion = MOVED
     guard = Guard(LIMITS, (barrier,), PERIOD, 0.1)
     outcome = guard.filter(wanted, STRAIGHT, BODY, box, brake, MOVED)
-    first = next(
-        (i for i, t in enumerate(candidates) if chosen is not None and t == pytest.approx(chosen)),
-        None,
-    )
-    assert_asked(barrier, guard, candidates if first is None else candidates[: first + 1])
+    tried, found = ([], wanted) if good(wanted) else tried_between(safe, wanted, box, good)
+    assert_asked(barrier, guard, [wanted, *tried])
     assert outcome.clearance == 1.0
-    if first is None:
+    if found is None:
         assert outcome.verdict is Verdict.BRAKED
         assert outcome.twist == safe
         followed = box.contains(brake.next().twist, ROUNDING)
         assert outcome.certified == outcome.brake.verified == (followed and brake.verified)
         return
-    assert outcome.twist == pytest.approx(candidates[first], abs=1e-15)
-    assert outcome.verdict is (Verdict.REPLACED if first else Verdict.ADMITTED)
+    assert outcome.twist == pytest.approx(found, abs=1e-15)
+    assert outcome.verdict is (Verdict.REPLACED if tried else Verdict.ADMITTED)
     assert outcome.certified is True
     assert outcome.brake == Brake(outcome.twist, LIMITS.brake_ticks(outcome.twist, PERIOD), True)
     assert isinstance(outcome.brake.twist, Twist)
@@ -369,8 +388,8 @@ def test_a_command_that_differs_in_one_part_alone_has_candidates_too(v, w, here)
     safe = brake.next().twist
     wanted = box.clip(Twist(safe.v + 0.005 * v, safe.omega + 0.005 * w))
     outcome = guard.filter(wanted, STRAIGHT, BODY, box, brake)
-    between = tried_between(safe, wanted, box)
-    assert len(between) == (5 if v or w else 0)
+    between, _ = tried_between(safe, wanted, box)
+    assert len(between) == (4 if v or w else 0)
     assert_asked(barrier, guard, [wanted, *between], motion=HERE)
     assert outcome.verdict is Verdict.BRAKED
 
@@ -382,7 +401,7 @@ def test_nothing_in_between_is_tried_where_coasting_alone_goes_out(coasted):
     box = LIMITS.input_box(REST, PERIOD)
     outcome = guard.filter(Twist(box.v_hi, 0.0), STRAIGHT, BODY, box, Brake(REST, 0))
     assert outcome.verdict is Verdict.BRAKED
-    assert len(barrier.asked) == (1 if coasted < 0.0 else 1 + len(FALLBACKS) + 2)
+    assert len(barrier.asked) == (1 if coasted < 0.0 else 5)
 
 
 @pytest.mark.parametrize("here", [1.0, -0.1])
@@ -466,30 +485,27 @@ def test_outside_a_barrier_that_holds_has_to_go_on_holding():
         assert (outcome.verdict is Verdict.ADMITTED) == admitted
 
 
-@given(ticks_of_the_guard(), st.integers(1, 6))
-def test_outside_the_candidates_are_those_of_the_inward_command(case, index):
+@given(ticks_of_the_guard(), st.booleans(), admitted_parts)
+def test_outside_the_candidates_are_those_of_the_inward_command(case, whole, parts):
     wanted, box, brake = case
     safe = box.clip(brake.next().twist)
-    candidates = [wanted, *tried_between(safe, wanted, box)]
-    barrier = Scripted(here=-0.2, coasted=-0.2, along=-9.0)
+    between = candidates_between(safe, wanted, box)
+    good = one_of([*([wanted] if whole else []), *[between[i] for i in sorted(parts)]])
+    barrier = Scripted(here=-0.2, coasted=-0.2, along=lambda twist: 0.0 if good(twist) else -9.0)
     barrier.motion = MOVED
-    if index < len(candidates):
-        barrier.along = lambda twist: 0.0 if twist == pytest.approx(candidates[index]) else -9.0
     guard = Guard(LIMITS, (barrier,), PERIOD, 0.1)
     outcome = guard.filter(wanted, STRAIGHT, BODY, box, brake, MOVED)
-    chosen = candidates[index] if index < len(candidates) else None
-    matching = [
-        i for i, t in enumerate(candidates) if chosen is not None and t == pytest.approx(chosen)
-    ]
-    assert_asked(barrier, guard, candidates[: matching[0] + 1] if matching else candidates)
-    if matching:
-        assert outcome.twist == pytest.approx(candidates[matching[0]], abs=1e-15)
-        assert outcome.verdict is (Verdict.REPLACED if matching[0] else Verdict.ADMITTED)
-        assert outcome.brake.ticks == LIMITS.brake_ticks(outcome.twist, PERIOD)
-        assert outcome.brake.twist == outcome.twist
-    else:
+    tried, found = ([], wanted) if good(wanted) else tried_between(safe, wanted, box, good)
+    assert_asked(barrier, guard, [wanted, *tried])
+    if found is None:
         assert outcome.verdict is Verdict.BRAKED
         assert outcome.twist == safe
+    else:
+        assert outcome.twist == pytest.approx(found, abs=1e-15)
+        assert outcome.verdict is (Verdict.REPLACED if outcome.twist != wanted else
+                                   Verdict.ADMITTED)  # fmt: skip
+        assert outcome.brake.ticks == LIMITS.brake_ticks(outcome.twist, PERIOD)
+        assert outcome.brake.twist == outcome.twist
 
 
 signs = st.sampled_from([-1.0, -0.3, 0.0, 0.4, 1.0])

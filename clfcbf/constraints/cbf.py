@@ -257,33 +257,36 @@ class FieldOfViewBarrier:
         The sweep's ``blur`` moves both edges inward by as much.
         """
         eye_x, eye_y, cos, sin, reach = self._eye
-        motion, (v_body, w_body), lag, (v, w), duration, _, _, blur = sweep
+        (x, y, heading), (v_body, w_body), lag, (v, w), duration, _, _, blur = sweep
         shift, most = blur * reach, self._most_turn
         coasting, braking = w_body * lag, w * duration
         if abs(coasting) > most or abs(braking) > most or abs(coasting + braking) > most:
             return -math.inf
-        to_x, to_y, c, s = _arc(v_body * lag, 0.5 * coasting)
-        points: list[Point] = []
-        for point in self._points(scene[1]):
-            x, y = motion.seen(point)
-            points.append((x, y))
-            x, y = x - to_x, y - to_y
-            points.append((c * x + s * y, c * y - s * x))
-        to_x, to_y, c, s = _arc(v * duration, 0.5 * braking)
+        coast_x, coast_y, coast_c, coast_s = _arc(v_body * lag, 0.5 * coasting)
+        brake_x, brake_y, brake_c, brake_s = _arc(v * duration, 0.5 * braking)
+        c, s = math.cos(heading), math.sin(heading)
         steepest = 0.0
-        for x, y in points:
-            further, beside = x - to_x, y - to_y
-            ahead = c * further + s * beside
-            if not (x > 0.0 and ahead > 0.0):
-                return -math.inf
-            for near, left in ((x, y), (ahead, c * beside - s * further)):
-                near, left = near - eye_x, left - eye_y
-                depth = cos * near + sin * left - shift
-                if not depth > 0.0:
+        for px, py in self._points(scene[1]):
+            dx, dy = px - x, py - y
+            ahead, left = c * dx + s * dy, c * dy - s * dx
+            dx, dy = ahead - coast_x, left - coast_y
+            coasted = coast_c * dx + coast_s * dy, coast_c * dy - coast_s * dx
+            for ahead, left in ((ahead, left), coasted):  # noqa: B020  # before it is braked
+                dx, dy = ahead - brake_x, left - brake_y
+                braked, aside = brake_c * dx + brake_s * dy, brake_c * dy - brake_s * dx
+                if not (ahead > 0.0 and braked > 0.0):
                     return -math.inf
-                slope = abs(cos * left - sin * near) / depth
-                if slope > steepest:
-                    steepest = slope
+                dx, dy = ahead - eye_x, left - eye_y
+                depth = cos * dx + sin * dy - shift
+                slope = abs(cos * dy - sin * dx)
+                dx, dy = braked - eye_x, aside - eye_y
+                further = cos * dx + sin * dy - shift
+                if not (depth > 0.0 and further > 0.0):
+                    return -math.inf
+                slope /= depth
+                steepest = slope if slope > steepest else steepest
+                slope = abs(cos * dy - sin * dx) / further
+                steepest = slope if slope > steepest else steepest
         return self._half_angle - math.atan(steepest)
 
     def clearance_around(self, scene: Scene, sweep: Sweep) -> tuple[float, float]:

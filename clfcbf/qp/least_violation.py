@@ -40,8 +40,9 @@ def relax_to_corner(
     ------
     Delicate : the least violation is not at one corner, or rounding could change the answer
     """
-    noise = NOISE * box_scale(*box)
-    taken = [row for rows in levels[:first] for row in rows]
+    v_lo, v_hi, w_lo, w_hi = box
+    noise = NOISE * box_scale(v_lo, v_hi, w_lo, w_hi)
+    taken = [row for rows in levels[:first] for row in rows] if first else []
     v, w, value = _least(box, _units(levels[first]), taken, noise)
     slacks = [0.0] * first + [value]
     for rows in levels[first + 1 :]:

@@ -41,6 +41,8 @@ __all__ = [
     "solve_lexicographic",
 ]
 
+_new = tuple.__new__  # makes a named tuple in half the time of its own constructor
+
 Row = tuple[float, float, float]
 Level = Sequence[Row]
 Weight = tuple[float, float, float]
@@ -147,8 +149,9 @@ def solve_lexicographic(
     if total - total != 0.0:  # NaN and infinity alike
         return None
     if holds:
-        answer = n_v, n_w, (0.0,) * len(levels), violated, False, None
-        return tuple.__new__(LexicographicSolution, answer)
+        return _new(
+            LexicographicSolution, (n_v, n_w, (0.0,) * len(levels), violated, False, None)
+        )
     if v_lo > v_hi or w_lo > w_hi:
         return None
     q11, q12, q22 = weight
@@ -168,11 +171,15 @@ def minimise(
         flat = v_lo == v_hi or w_lo == w_hi
         found = (project_on_segment if flat else project)(objective, box, levels)
         if isinstance(found, tuple):
-            return LexicographicSolution(*found, (0.0,) * len(levels), violated)
+            v, omega = found
+            return _new(
+                LexicographicSolution, (v, omega, (0.0,) * len(levels), violated, False, None)
+            )
         try:
-            return LexicographicSolution(*relax_to_corner(box, levels, found), violated)
+            v, omega, slacks = relax_to_corner(box, levels, found)
         except Delicate:  # more than a corner
             return _relaxed(objective, box, levels, violated)
+        return _new(LexicographicSolution, (v, omega, slacks, violated, False, None))
     except Delicate:
         v, omega, slacks = solve_rational(objective, box, levels)
         return LexicographicSolution(v, omega, slacks, violated, True)
