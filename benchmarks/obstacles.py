@@ -45,12 +45,11 @@ Array = NDArray[np.float64]
 
 
 class Job(NamedTuple):
-    """A program, the robot's pose, and the discs in the world, shape (N,) each."""
+    """A program, the robot's pose, and the discs in the world as complex numbers, shape (N,)."""
 
     program: Program
     pose: Pose2
-    x: Array
-    y: Array
+    at: NDArray[np.complex128]
 
 
 def draw_jobs(programs: Sequence[Program], count: int, rng: np.random.Generator) -> list[Job]:
@@ -63,25 +62,31 @@ def draw_jobs(programs: Sequence[Program], count: int, rng: np.random.Generator)
         near = RADIUS + CLEAR
         x, y = rng.uniform(-AREA, AREA, (2, 2 * count + 20))
         clear = np.flatnonzero(np.hypot(x, y) > near)[:count]
-        job = Job(program, pose, ahead[0] + x[clear], ahead[1] + y[clear])
+        job = Job(program, pose, complex(*ahead) + x[clear] + 1j * y[clear])
         if _ours(job).feasible:
             jobs.append(job)
     return jobs
 
 
 def all_rows(job: Job) -> Array:
-    """Rows of all discs, shape (N, 3)."""
+    """Rows of all discs, shape (N, 3), a column of them contiguous."""
     x, y, theta = job.pose
     c, s = math.cos(theta), math.sin(theta)
-    dx, dy = job.x - (x + LEVER * c), job.y - (y + LEVER * s)
-    p_x, p_y = c * dx + s * dy, c * dy - s * dx
-    d = np.hypot(p_x, p_y)
-    return np.stack((p_x / d, LEVER * p_y / d, GAIN * (d - RADIUS)), axis=1)
+    columns = np.empty((3, job.at.size))
+    seen = job.at - complex(x + LEVER * c, y + LEVER * s)
+    seen *= complex(c, -s)
+    d = np.abs(seen, out=columns[2])
+    np.divide(seen.real, d, out=columns[0])
+    np.divide(seen.imag, d, out=columns[1])
+    columns[1] *= LEVER
+    d -= RADIUS
+    d *= GAIN
+    return columns.T
 
 
 def _ours(job: Job) -> Any:
     p = job.program
-    hard = (*p.hard, *prune(p.box, all_rows(job))) if job.x.size else p.hard
+    hard = (*p.hard, *prune(p.box, all_rows(job))) if job.at.size else p.hard
     return paper_program(p.weight, p.nominal, p.box, hard, p.soft, PENALTY)
 
 
@@ -111,13 +116,13 @@ def _daqp(jobs: Sequence[Job], exact: Sequence[tuple[float, float]]) -> Contesta
         p = job.program
         q11, q12, q22 = p.weight
         v_lo, v_hi, w_lo, w_hi = p.box
-        G = np.zeros((len(p.hard) + job.x.size + 1, 3))
+        G = np.zeros((len(p.hard) + job.at.size + 1, 3))
         top = np.empty(3 + len(G))
         top[:3] = v_hi, w_hi, 1e30
         own = np.array((*p.hard, p.soft))
         G[: len(own), :2], top[3 : 3 + len(own)] = own[:, :2], own[:, 2]
         G[len(own) - 1, 2] = -1.0
-        if job.x.size:
+        if job.at.size:
             rows = all_rows(job)
             G[len(own) :, :2], top[3 + len(own) :] = rows[:, :2], rows[:, 2]
         low = np.full(len(top), -1e30)
@@ -138,13 +143,13 @@ def _daqp(jobs: Sequence[Job], exact: Sequence[tuple[float, float]]) -> Contesta
 
 
 def _ipopt(jobs: Sequence[Job], exact: Sequence[tuple[float, float]]) -> Contestant:
-    solver = ipopt_solver(len(jobs[0].program.hard) + jobs[0].x.size)
+    solver = ipopt_solver(len(jobs[0].program.hard) + jobs[0].at.size)
 
     def call(job: Job) -> Any:
         p = job.program
         v_lo, v_hi, w_lo, w_hi = p.box
         head = np.array((*p.nominal, *p.weight, *(x for row in p.hard for x in row)))
-        rows = all_rows(job).ravel() if job.x.size else np.empty(0)
+        rows = all_rows(job).ravel() if job.at.size else np.empty(0)
         numbers = np.concatenate((head, rows, p.soft))
         return solver(
             x0=(0.0, 0.0, 0.0), p=numbers, lbx=(v_lo, w_lo, 0.0), ubx=(v_hi, w_hi, math.inf),

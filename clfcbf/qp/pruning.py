@@ -58,13 +58,13 @@ def prune(box: Box, rows: Sequence[Row] | Array) -> list[Row]:
     ----------
     box : ``(v_lo, v_hi, w_lo, w_hi)``, finite
     rows : rows ``(a_v, a_w, b)`` that say ``a_v v + a_w omega <= b``, or an array of them, shape
-        (m, 3), which is faster; a row that is not finite is kept
+        (m, 3), which is faster, best with contiguous columns; a row that is not finite is kept
     """
     v_lo, v_hi, w_lo, w_hi = box
     noise = NOISE * box_scale(v_lo, v_hi, w_lo, w_hi)
     if isinstance(rows, np.ndarray) or len(rows) > MANY:
         columns = _columns(rows)
-        return _tuples(columns[:, _may_bind(box, columns)])
+        return _tuples(columns.compress(_may_bind(box, columns), axis=1))
     kept = []
     for row in rows:
         a, c, b = row
@@ -144,12 +144,10 @@ def _may_bind(box: Box, columns: Array) -> NDArray[np.bool_]:
     v_lo, v_hi, w_lo, w_hi = box
     noise = NOISE * box_scale(v_lo, v_hi, w_lo, w_hi)
     with np.errstate(over="ignore", invalid="ignore"):
-        sizes = np.abs(columns[:2])
         # The largest of a.u is at the middle of the box, and half a side to either side.
-        most = columns[0] * (0.5 * (v_lo + v_hi))
-        most += columns[1] * (0.5 * (w_lo + w_hi))
-        most += sizes[0] * (0.5 * (v_hi - v_lo) + 2.0 * noise)
-        most += sizes[1] * (0.5 * (w_hi - w_lo) + 2.0 * noise)
+        most = np.dot((0.5 * (v_lo + v_hi), 0.5 * (w_lo + w_hi)), columns[:2])
+        wide = 0.5 * (v_hi - v_lo) + 2.0 * noise, 0.5 * (w_hi - w_lo) + 2.0 * noise
+        most += np.dot(wide, np.abs(columns[:2]))
         held: NDArray[np.bool_] = most < columns[2]
         held &= columns[2] < np.inf
     return np.logical_not(held, out=held)
@@ -158,7 +156,7 @@ def _may_bind(box: Box, columns: Array) -> NDArray[np.bool_]:
 def _columns(rows: Sequence[Row] | Array) -> Array:
     """Rows as an array, a column each."""
     if isinstance(rows, np.ndarray):
-        return np.array(rows.T, dtype=np.float64, order="C")
+        return np.ascontiguousarray(rows.T, dtype=np.float64)
     # Through an iterator, which takes a third of the time.
     flat = np.fromiter(itertools.chain.from_iterable(rows), np.float64, 3 * len(rows))
     return np.ascontiguousarray(flat.reshape(-1, 3).T)
