@@ -83,9 +83,10 @@ PLAN_TURN_RATE = 0.9375
 PLAN_ACCELERATION = 0.9
 """Share of both accelerations that a plan uses."""
 
-PLAN_EDGE = math.radians(3.75)
+PLAN_EDGE = math.radians(4.5)
 """[rad] From the camera's edge, moved in by the setback, to the edge that a plan rides: the guard's
-margin and 0.75° to spare for its look-ahead along an arc, which leaves the spiral by 0.4°."""
+margin and 1.5° to spare for its look-ahead along an arc, which leaves the spiral by 0.4°, and
+along the line before it; with half as much the guard slows down more than the wider edge gains."""
 
 PLAN_CURVES = 10
 """Terminal curves to each side: turns that end 0.25 s apart."""
@@ -114,8 +115,22 @@ PLAN_ERROR = 0.006
 PLAN_ERROR_THETA = math.radians(1.0)
 """[rad] As above, for the heading."""
 
-PLAN_REVERSES = (0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0)
-"""[m] Lengths of a first leg in reverse."""
+PLAN_REVERSES = (
+    0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.7, 0.8, 1.0,
+)  # fmt: skip
+"""[m] Lengths driven in reverse before an approach; the fastest need up to 0.6 m."""
+
+PLAN_TURNS = (-1.0, -0.5, 0.0, 0.5, 1.0)
+"""Shares of the turn rate in reverse and through the change of gear."""
+
+PLAN_LEADS = (0.0, 0.4, 0.8)
+"""[s] By which a turn changes before the gear does: up to the time that its ramp takes."""
+
+TRACK_WAIT = 0.05
+"""[m] Behind a leg by time from which the virtual target waits: a guard that holds the robot."""
+
+TRACK_WAIT_THETA = 0.15
+"""[rad] As above, for the heading: a third of what counts as off course."""
 
 # The docking controller -------------------------------------------------------------------------
 

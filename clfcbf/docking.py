@@ -31,8 +31,8 @@ from clfcbf.se2 import Pose2
 from clfcbf.sighting import observed
 from clfcbf.tick import Begun, begin, failed, finish, stop
 from clfcbf.trajectories.build import arc_path
-from clfcbf.trajectories.following import Following, Inertia, at_rest, follow
-from clfcbf.trajectories.legs import Leg, Path
+from clfcbf.trajectories.following import Following, Inertia, at_rest, follow, is_over
+from clfcbf.trajectories.legs import Leg, Path, Trajectory, Turn
 
 _HERE = Pose2(0.0, 0.0, 0.0)
 _PROGRESS = 0.01  # [m] along the leg, above what noise alone can feign
@@ -210,9 +210,10 @@ def _planned(config: DockingConfig, state: DockingState, pose: Pose2) -> Docking
 
 def _phase(legs: tuple[Leg, ...], index: int) -> Phase:
     leg = legs[index]
-    if not isinstance(leg, Path):
+    if isinstance(leg, Turn):
         return Phase.TURNING
-    return Phase.APPROACHING if leg.gear > 0 else Phase.BACKING_OFF
+    ahead = isinstance(leg, Path) and leg.gear > 0
+    return Phase.APPROACHING if ahead else Phase.BACKING_OFF
 
 
 def _followed(
@@ -222,11 +223,18 @@ def _followed(
     base = config.filter
     searching = state.phase is Phase.SEARCHING
     last = state.leg == len(state.legs) - 1 and state.undock == 0.0 and not searching
+    leg = state.legs[state.leg]
     following = follow(
-        state.legs[state.leg], last, ahead, state.s, begun.box, base.limits, base.period,
+        leg, last, ahead, state.s, begun.box, base.limits, base.period,
         config.gains, Inertia(begun.applied, begun.reckoning.body, base.lag),
     )  # fmt: skip
-    if following.arrived and at_rest(begun.applied):
+    if is_over(leg, following, begun.applied):
+        if isinstance(leg, Trajectory) and not last:  # it goes on at speed
+            index = state.leg + 1
+            state = state._replace(
+                leg=index, s=0.0, mark=0.0, idle=0, phase=_phase(state.legs, index)
+            )
+            return _followed(config, state, begun, ahead)
         if state.undock > 0.0:
             return state._replace(phase=Phase.DONE, legs=()), None
         if not last:
@@ -236,7 +244,7 @@ def _followed(
         if sideways <= _conceded(config, state):
             return state._replace(phase=Phase.DONE, legs=()), None
         return without_plan(state, f"{1e3 * sideways:.0f} mm beside the goal"), None
-    if isinstance(state.legs[state.leg], Path) and _off_course(following):
+    if not isinstance(leg, Turn) and _off_course(following):
         return without_plan(state, "off course"), None
     return state, following
 

@@ -68,8 +68,10 @@ class Unpredicted:
 class ForwardPlanner(Planner):
     """Plans without a first leg: no turn on the spot, no reverse."""
 
-    def _first_legs(self, start: Pose2) -> tuple[list[Leg], list[Pose2], list[float]]:
-        return [], [], []
+    def _backed_off(
+        self, start: Pose2, reasons: dict[str, int]
+    ) -> list[tuple[float, tuple[Leg, ...]]]:
+        return []
 
 
 class QuinticPlanner(Planner):

@@ -7,8 +7,9 @@ r"""The time-optimal program of the floor, by direct multiple shooting in CasADi
     \dot x = v\cos\theta,\ \dot y = v\sin\theta,\ \dot\theta = \omega,\
     \dot v = a,\ \dot\omega = \alpha
 
-from rest at the start to rest at the goal, with the four limits and the feature between the
-camera's two edges. The accelerations are constant over each of N equal intervals, so speeds and
+from rest at the start to rest at the goal, with the four limits, the feature between the
+camera's two edges and the robot no further past the goal than the judge of the runs allows (or
+than it starts). The accelerations are constant over each of N equal intervals, so speeds and
 heading are exact polynomials and only the position needs a quadrature, three-point
 Gauss-Legendre: what the program answers is a motion of the robot itself, not of a
 discretisation, and its time an upper bound of the least one that N to infinity closes.
@@ -27,6 +28,7 @@ from clfcbf.constraints.cbf import camera_edges
 from clfcbf.errors import ConfigurationError, MissingExtraError
 from clfcbf.limits import Limits
 from clfcbf.se2 import Pose2
+from clfcbf.simulation.judge import PAST_GOAL
 from clfcbf.simulation.scenarios import World
 
 __all__ = ["FloorProgram", "Motion", "floor_program"]
@@ -125,6 +127,7 @@ class FloorProgram:
         if len(guess.states) != n + 1:
             guess = guess.resampled(n)
         low, high = self._speeds[0].copy(), self._speeds[1].copy()
+        high[:, 0] = max(PAST_GOAL, start.x)
         low[0] = high[0] = (*start, 0.0, 0.0)
         low[-1] = high[-1] = 0.0
         accelerations = np.clip(guess.accelerations, -most, most)

@@ -52,26 +52,31 @@ def _slowed(speed: Array, steps: Array, deceleration: float) -> Array:
     return allowed
 
 
-def _smoothed(time: Array, turn_rate: Array, ramp: float, until: float) -> Array:
+def _smoothed(time: Array, turn_rate: Array, ramp: float, until: float, turning: float) -> Array:
     """Turn rate with its jumps made ramps of the given duration, centred on them.
 
     A centred ramp turns by as much as the jump did and moves the path by less than
-    ``v omega ramp² / 24``, half a millimetre. What comes after ``until`` is kept.
+    ``v omega ramp² / 24``, half a millimetre. ``turning`` is the rate before the path; what comes
+    after ``until`` is kept.
     """
+    time = np.concatenate([[time[0] - ramp, time[0]], time])
+    turn_rate = np.concatenate([[turning, turning], turn_rate])
     swept = np.concatenate(
         [[0.0], np.cumsum(0.5 * (turn_rate[1:] + turn_rate[:-1]) * np.diff(time))]
     )
     later = np.interp(time + 0.5 * ramp, time, swept)
     sooner = np.interp(time - 0.5 * ramp, time, swept)
-    return np.where(time < until, (later - sooner) / ramp, turn_rate)
+    return np.where(time < until, (later - sooner) / ramp, turn_rate)[2:]
 
 
 def approach_path(
-    start: Pose2, candidates: Candidates, row: int, curves: TerminalCurves, limits: Limits
-) -> Path:
+    start: Pose2, candidates: Candidates, row: int, curves: TerminalCurves, limits: Limits,
+    turning: float = 0.0,
+) -> Path:  # fmt: skip
     """The path of one candidate, from ``start`` to rest at the goal.
 
-    ``curves`` must be the table the candidate refers to; ``limits`` those of the plan.
+    ``curves`` must be the table the candidate refers to; ``limits`` those of the plan;
+    ``turning`` is the turn rate with which the robot comes [rad/s].
     """
     j, i = int(candidates.curve[row]), int(candidates.sample[row])
     radius, swept = float(candidates.radius[row]), float(candidates.swept[row])
@@ -102,7 +107,7 @@ def approach_path(
     )
     ramp = limits.omega_max / limits.alpha_max
     until = min(float(time[entry]) + 0.5 * ramp, float(time[-1]) - ramp)
-    turn_rate = _smoothed(time, turn_rate, ramp, until)
+    turn_rate = _smoothed(time, turn_rate, ramp, until, turning)
     return _path(samples[:, :3], speed, turn_rate, steps, Pose2(0.0, 0.0, 0.0), 1)
 
 

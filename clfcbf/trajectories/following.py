@@ -8,9 +8,10 @@ tick can reach, so its longitudinal error is zero and the law [Kanayama1990]_ re
     v = v_V, \qquad
     \omega = \omega_V + k_2 v_V y_e + k_3 |v_V| \sin\theta_e .
 
-Per metre travelled the lateral error obeys :math:`e'' + k_3 e' + k_2 e = 0`. The last
-millimetres are a regulator to the end pose, longitudinal and by turning on the spot; what is
-left sideways no nonholonomic robot can remove there.
+Per metre travelled the lateral error obeys :math:`e'' + k_3 e' + k_2 e = 0`. On a leg by time
+the target moves on by a period a tick, with a longitudinal term added, and waits for a robot that
+falls behind. The last millimetres are a regulator to the end pose, longitudinal and by turning
+on the spot; what is left sideways no nonholonomic robot can remove there.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ from clfcbf.errors import ConfigurationError
 from clfcbf.limits import InputBox, Limits
 from clfcbf.scene import Reference
 from clfcbf.se2 import Pose2, Twist, wrap_angle
-from clfcbf.trajectories.legs import Leg, Path, Turn
+from clfcbf.trajectories.legs import Leg, Path, Trajectory, Turn
 from clfcbf.trajectories.stopping import command_to
 
-__all__ = ["Following", "FollowingGains", "Inertia", "at_rest", "follow"]
+__all__ = ["Following", "FollowingGains", "Inertia", "at_rest", "follow", "is_over"]
 
 _AT_REST = Twist(0.0, 0.0)
 
@@ -78,8 +79,8 @@ class Following(NamedTuple):
     """The law at one tick.
 
     ``twist`` is the command; ``reference`` the virtual target as seen from the robot, with its
-    own twist; ``s`` the arc length reached; ``arrived`` whether position and heading are those
-    of the leg's end, the speeds left aside.
+    own twist; ``s`` the arc length reached, or the time on a leg by time; ``arrived`` whether
+    position and heading are those of the leg's end, the speeds left aside.
     """
 
     twist: Twist
@@ -91,6 +92,11 @@ class Following(NamedTuple):
 def at_rest(twist: Twist) -> bool:
     """Whether a command is as good as zero: below 2 mm/s and 10 mrad/s."""
     return abs(twist[0]) < 2e-3 and abs(twist[1]) < 1e-2
+
+
+def is_over(leg: Leg, following: Following, applied: Twist) -> bool:
+    """Whether the next leg may begin: after a leg by time at once, after others at rest."""
+    return following.arrived and (isinstance(leg, Trajectory) or at_rest(applied))
 
 
 def follow(
@@ -108,10 +114,10 @@ def follow(
 
     Parameters
     ----------
-    leg : path or turn on the spot, in the goal's frame
+    leg : path, turn on the spot or trajectory, in the goal's frame
     last : whether the leg ends at the goal, where the last millimetres count
     pose : where the body coasts to, in the goal's frame
-    since : arc length reached before; progress never goes back
+    since : arc length reached before, or time; progress never goes back
     box : commands reachable this tick
     limits, period : of the chassis
     inertia : of the body, with which it stops at the goal as fast as it can; without, the command
@@ -122,6 +128,8 @@ def follow(
         twist = box.clip(Twist(0.0, _spin(error.theta, limits, gains)))
         arrived = abs(error.theta) < 5.0 * gains.done_theta
         return Following(twist, Reference(error, _AT_REST), since, arrived)
+    if isinstance(leg, Trajectory):
+        return _track(leg, pose, since, box, limits, period, gains)
     place = leg.nearest(pose, since)
     if place.rest < gains.settle_from:
         s = max(place.s, since)
@@ -147,6 +155,23 @@ def follow(
         omega = turned if place.rest < gains.face_from else omega
     twist = box.clip(Twist(v, omega))
     return Following(twist, Reference(error, Twist(v, feed)), max(place.s, since), False)
+
+
+def _track(
+    leg: Trajectory, pose: Pose2, time: float, box: InputBox, limits: Limits, period: float,
+    gains: FollowingGains,
+) -> Following:  # fmt: skip
+    """The law on a leg by time; over a tick, its twist's mean is that of the middle."""
+    error = pose.relative(leg.at(time).pose)
+    v, omega = leg.at(time + 0.5 * period).twist
+    sin = math.sin(error.theta)
+    slow = max(0.0, 1.0 - abs(v) / limits.v_max)
+    turned = omega + gains.k2 * v * error.y + (gains.k3 * abs(v) + gains.heading * slow) * sin
+    along = v * math.cos(error.theta) + gains.settle_x * error.x
+    waits = abs(error.x) > defaults.TRACK_WAIT or abs(error.theta) > defaults.TRACK_WAIT_THETA
+    reached = time if waits else time + period
+    reference = Reference(error, Twist(v, omega))
+    return Following(box.clip(Twist(along, turned)), reference, reached, time >= leg.duration)
 
 
 def _spin(theta: float, limits: Limits, gains: FollowingGains) -> float:

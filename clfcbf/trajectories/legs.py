@@ -1,4 +1,4 @@
-"""The legs of a plan: a path with its speed and turn-rate profile, or a turn on the spot."""
+"""The legs of a plan: a path with its speed profile, a turn on the spot, or a timed trajectory."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from clfcbf.errors import GeometryError
-from clfcbf.se2 import Pose2, wrap_angle
+from clfcbf.se2 import Pose2, Twist, wrap_angle
 
-__all__ = ["Leg", "Path", "Place", "Turn"]
+__all__ = ["Leg", "Moment", "Path", "Place", "Trajectory", "Turn"]
 
 
 class Place(NamedTuple):
@@ -106,15 +106,71 @@ class Path:
         s = self.s[i - 1] + part * (self.s[i] - self.s[i - 1])
         return Place(
             s,
-            Pose2(
-                a.x + held * (b.x - a.x),
-                a.y + held * (b.y - a.y),
-                wrap_angle(a.theta + held * wrap_angle(b.theta - a.theta)),
-            ),
+            _between(a, b, held),
             self.speed[i - 1] + held * (self.speed[i] - self.speed[i - 1]),
             self.turn_rate[i - 1] + held * (self.turn_rate[i] - self.turn_rate[i - 1]),
             self.s[-1] - s,
         )
 
 
-Leg = Path | Turn
+class Moment(NamedTuple):
+    """Where a trajectory is at a time: pose, and twist there."""
+
+    pose: Pose2
+    twist: Twist
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """A leg by time, in the goal's frame, from rest; it need not end at rest.
+
+    Through a change of gear a robot may turn where it makes no way, so that no arc length tells
+    where it is.
+
+    Attributes
+    ----------
+    times : of each sample, from 0, strictly increasing [s]
+    poses, twists : of the robot at each sample
+
+    Raises
+    ------
+    GeometryError : fewer than two samples, or columns of different lengths
+    """
+
+    times: tuple[float, ...]
+    poses: tuple[Pose2, ...]
+    twists: tuple[Twist, ...]
+
+    def __post_init__(self) -> None:
+        lengths = {len(self.times), len(self.poses), len(self.twists)}
+        if len(lengths) != 1 or len(self.times) < 2:
+            raise GeometryError(
+                f"a trajectory needs columns of one length, 2 or more, got {sorted(lengths)}"
+            )
+
+    @property
+    def duration(self) -> float:
+        """Time from its start to its end [s]."""
+        return self.times[-1]
+
+    def at(self, time: float) -> Moment:
+        """Pose and twist at ``time`` [s], linear between the samples, held at the ends."""
+        i = min(max(bisect_left(self.times, time), 1), len(self.times) - 1)
+        begin, end = self.times[i - 1], self.times[i]
+        part = min(max((time - begin) / (end - begin), 0.0), 1.0)
+        (v, omega), (v_next, omega_next) = self.twists[i - 1], self.twists[i]
+        return Moment(
+            _between(self.poses[i - 1], self.poses[i], part),
+            Twist(v + part * (v_next - v), omega + part * (omega_next - omega)),
+        )
+
+
+def _between(a: Pose2, b: Pose2, part: float) -> Pose2:
+    return Pose2(
+        a.x + part * (b.x - a.x),
+        a.y + part * (b.y - a.y),
+        wrap_angle(a.theta + part * wrap_angle(b.theta - a.theta)),
+    )
+
+
+Leg = Path | Turn | Trajectory

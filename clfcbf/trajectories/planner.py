@@ -3,8 +3,8 @@
 Forward approaches (an arc, a line, a terminal curve) are ranked by an estimate of their time;
 the best are driven in simulation and the fastest that arrives is taken. Where none does, the
 closed-form path of :mod:`~clfcbf.trajectories.visible` is tried, and then approaches after a
-first leg that turns on the spot or reverses along an arc. The geometry of the view demands one
-close to the goal: going forward with bearings up to the edge, the direction of the approach
+first leg that turns on the spot or reverses. The geometry of the view demands one close to the
+goal: going forward with bearings up to the edge, the direction of the approach
 can change by no more than the integral of ``tan(edge) d ln(range)``.
 """
 
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +23,11 @@ from clfcbf.constraints.cbf import FieldOfViewBarrier
 from clfcbf.errors import ConfigurationError, GeometryError, LimitsError, PlanningError
 from clfcbf.guard import Guard
 from clfcbf.limits import Limits, check_period
-from clfcbf.se2 import Pose2, Twist, arc, is_finite, wrap_angle
-from clfcbf.trajectories.build import approach_path, arc_path, timed_path
+from clfcbf.se2 import Pose2, Twist, is_finite, wrap_angle
+from clfcbf.trajectories.build import approach_path, timed_path
 from clfcbf.trajectories.following import FollowingGains
 from clfcbf.trajectories.legs import Leg, Turn
+from clfcbf.trajectories.reversal import Reversals
 from clfcbf.trajectories.rollout import Rollout, roll_out
 from clfcbf.trajectories.tangent import Candidates, tangent_candidates
 from clfcbf.trajectories.terminal import TerminalCurves, nominal_offsets, terminal_curves
@@ -40,6 +42,12 @@ Array = NDArray[np.float64]
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
 _REST = Twist(0.0, 0.0)
 
+_VIEW_TOLERANCE = 1e-3
+"""[rad] Rounding and interpolation in a bearing: a tenth of what a plan has to spare."""
+
+_PRICE = 50.0
+"""[s/rad²] Of a look-ahead beyond the view, where the guard slows down: 1.5 s at 10°."""
+
 
 @dataclass(frozen=True, slots=True)
 class Plan:
@@ -47,6 +55,15 @@ class Plan:
 
     legs: tuple[Leg, ...]
     rollout: Rollout
+
+
+class _First(NamedTuple):
+    """A first leg: itself or its row in the table of reversals, and how an approach goes on."""
+
+    leg: Turn | int
+    end: Pose2
+    time: float
+    turn_rate: float
 
 
 class Planner:
@@ -95,6 +112,9 @@ class Planner:
         self.thinned = self.curves.thinned(defaults.PLAN_THIN_CURVES, defaults.PLAN_THIN_SAMPLES)
         widest = self.limits.v_max / self.limits.omega_max
         self.radii = np.array([0.25, 0.5, 1.0]) * widest
+        self.reversals = Reversals.tabulated(
+            self.limits, defaults.PLAN_REVERSES, defaults.PLAN_TURNS, defaults.PLAN_LEADS
+        )
 
     @property
     def feature(self) -> Pose2:
@@ -181,50 +201,61 @@ class Planner:
     def _backed_off(
         self, start: Pose2, reasons: dict[str, int]
     ) -> list[tuple[float, tuple[Leg, ...]]]:
-        legs, ends, times = self._first_legs(start)
-        if not legs:
+        firsts = [*self._turns(start), *self._reversals(start)]
+        if not firsts:
             return []
-        starts = np.array(ends)
+        starts = np.array([first.end for first in firsts])
+        times = np.array([first.time for first in firsts])
         found = tangent_candidates(starts, self.radii[[0, 2]], self.thinned)
-        cost = self._cost(found, starts, np.array(times), self.thinned, reasons)
+        cost = self._cost(found, starts, times, self.thinned, reasons)
         tries: list[tuple[float, tuple[Leg, ...]]] = []
         taken: set[int] = set()
         for i in np.argsort(cost):
-            first = int(found.start[i])
+            row = int(found.start[i])
             if not np.isfinite(cost[i]) or len(tries) == defaults.PLAN_TRIES:
                 break
-            if first in taken:
+            if row in taken:
                 continue
-            taken.add(first)
-            path = approach_path(ends[first], found, int(i), self.thinned, self.limits)
-            tries.append((float(cost[i]), (legs[first], path)))
+            taken.add(row)
+            first = firsts[row]
+            leg = first.leg if isinstance(first.leg, Turn) else self.reversals.leg(first.leg, start)
+            path = approach_path(
+                first.end, found, int(i), self.thinned, self.limits, first.turn_rate
+            )
+            tries.append((float(cost[i]), (leg, path)))
         return tries
 
-    def _first_legs(self, start: Pose2) -> tuple[list[Leg], list[Pose2], list[float]]:
-        legs: list[Leg] = []
-        ends: list[Pose2] = []
-        times: list[float] = []
+    def _turns(self, start: Pose2) -> list[_First]:
+        """Turns on the spot that keep the view, to either side."""
         limits = self.limits
         allowed = max(self.edge.half_angle, abs(self._bearing(start)))
+        firsts = []
         for turn in np.radians(np.arange(-90.0, 90.1, 6.0)).tolist():
-            if abs(turn) > 0.05:
-                end = Pose2(start.x, start.y, wrap_angle(start.theta + turn))
-                if abs(self._bearing(end)) <= allowed:
-                    legs.append(Turn(end.theta))
-                    ends.append(end)
-                    times.append(_rest_to_rest(abs(turn), limits.omega_max, limits.alpha_max))
-            for length in defaults.PLAN_REVERSES if limits.reverse_speed < 0.0 else ():
-                end = start.compose(arc(Twist(-length, turn), 1.0))
-                if abs(self._bearing(end)) <= allowed:
-                    legs.append(arc_path(start, length, turn, limits, -1))
-                    ends.append(end)
-                    times.append(
-                        max(
-                            _rest_to_rest(length, -limits.reverse_speed, limits.a_max),
-                            _rest_to_rest(abs(turn), limits.omega_max, limits.alpha_max),
-                        )
-                    )
-        return legs, ends, times
+            end = Pose2(start.x, start.y, wrap_angle(start.theta + turn))
+            if abs(turn) > 0.05 and abs(self._bearing(end)) <= allowed:
+                time = _rest_to_rest(abs(turn), limits.omega_max, limits.alpha_max)
+                firsts.append(_First(Turn(end.theta), end, time, 0.0))
+        return firsts
+
+    def _reversals(self, start: Pose2) -> list[_First]:
+        """Reversals that keep the view, dearer where the guard may see them turn out of it."""
+        table, limits = self.reversals, self.limits
+        poses = table.seen_from(start)
+        bearing = self._bearings(*np.moveaxis(poses, 2, 0))
+        rate = table.turn_rates
+        further = bearing - rate * (0.5 * np.abs(rate) / limits.alpha_max + self.guard.lag)
+        allowed = max(self.edge.half_angle, abs(self._bearing(start))) + _VIEW_TOLERANCE
+        beyond = np.maximum(0.0, np.abs(further).max(axis=1) - allowed)
+        # They end at full speed, which the estimate of an approach is without.
+        times = table.durations - 0.5 * limits.v_max / limits.a_max + _PRICE * beyond**2
+        return [
+            _First(
+                int(row), Pose2(x, y, wrap_angle(theta)), float(times[row]),
+                float(table.second[row]),
+            )
+            for row in np.flatnonzero(np.abs(bearing).max(axis=1) <= allowed)
+            for x, y, theta in [poses[row, -1].tolist()]
+        ]  # fmt: skip
 
     def _bearing(self, pose: Pose2) -> float:
         return self.edge.bearing(pose.seen((self.standoff, 0.0)))
@@ -249,10 +280,12 @@ class Planner:
         beyond = self._bearing_on_arc(found, starts, overrun)
         worst = np.maximum(end, beyond)
         reasons["no path"] += len(found) == 0
-        reasons["field of view"] += int(np.count_nonzero(end > self.edge.half_angle + 1e-3))
+        reasons["field of view"] += int(
+            np.count_nonzero(end > self.edge.half_angle + _VIEW_TOLERANCE)
+        )
         time += 20.0 * np.maximum(0.0, worst - math.radians(30.0)) ** 2
-        time += 50.0 * np.maximum(0.0, worst - self.camera.half_angle) ** 2
-        return np.where(end > self.edge.half_angle + 1e-3, np.inf, time)
+        time += _PRICE * np.maximum(0.0, worst - self.camera.half_angle) ** 2
+        return np.where(end > self.edge.half_angle + _VIEW_TOLERANCE, np.inf, time)
 
     def _bearing_on_arc(self, found: Candidates, starts: Array, overrun: Array | float) -> Array:
         """Magnitude of the bearing where each arc ends, or ``overrun`` [rad] further on it."""
@@ -260,12 +293,16 @@ class Planner:
         end = theta + found.swept + np.sign(found.radius) * overrun
         px = x - found.radius * (np.sin(theta) - np.sin(end))
         py = y + found.radius * (np.cos(theta) - np.cos(end))
+        return np.abs(self._bearings(px, py, end))
+
+    def _bearings(self, x: Array, y: Array, theta: Array) -> Array:
+        """Bearing of the feature from many poses [rad]."""
         cx, cy, yaw = self.edge.camera
-        eye_x = px + cx * np.cos(end) - cy * np.sin(end)
-        eye_y = py + cx * np.sin(end) + cy * np.cos(end)
-        bearing = np.arctan2(-eye_y, self.standoff - eye_x) - end - yaw
+        eye_x = x + cx * np.cos(theta) - cy * np.sin(theta)
+        eye_y = y + cx * np.sin(theta) + cy * np.cos(theta)
+        bearing = np.arctan2(-eye_y, self.standoff - eye_x) - theta - yaw
         wrapped: Array = np.mod(bearing + np.pi, 2.0 * np.pi) - np.pi
-        return np.abs(wrapped)
+        return wrapped
 
 
 def _rest_to_rest(distance: float, speed: float, acceleration: float) -> float:

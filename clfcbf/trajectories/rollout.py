@@ -14,7 +14,7 @@ from clfcbf.estimation import body_after, coast
 from clfcbf.guard import Guard, Verdict
 from clfcbf.scene import Scene
 from clfcbf.se2 import Pose2, Twist
-from clfcbf.trajectories.following import FollowingGains, at_rest, follow
+from clfcbf.trajectories.following import FollowingGains, follow, is_over
 from clfcbf.trajectories.legs import Leg
 
 __all__ = ["Rollout", "roll_out"]
@@ -85,9 +85,8 @@ def roll_out(
         last = index == len(legs) - 1
         wanted = follow(legs[index], last, ahead, s, box, limits, period, gains)
         s = wanted.s
-        if wanted.arrived and at_rest(command):
-            if last:
-                arrived = True
+        if is_over(legs[index], wanted, command):
+            arrived = last
             index, s = min(index + 1, len(legs) - 1), 0.0
         scene = Scene(pose.relative(_ORIGIN), pose.relative(feature), time)
         outcome = guard.filter(wanted.twist, scene, body, box, brake)

@@ -18,7 +18,7 @@ from clfcbf.se2 import Pose2, Twist, wrap_angle
 from clfcbf.simulation.scenarios import REGIONS, World, draw_start, facing
 from clfcbf.trajectories.build import approach_path, arc_path
 from clfcbf.trajectories.following import FollowingGains
-from clfcbf.trajectories.legs import Path, Turn
+from clfcbf.trajectories.legs import Path, Trajectory, Turn
 from clfcbf.trajectories.planner import Planner, plan_approach
 from clfcbf.trajectories.rollout import roll_out
 from clfcbf.trajectories.tangent import tangent_candidates
@@ -205,7 +205,7 @@ def test_where_the_view_forbids_going_forward_it_backs_off(x, y, bearing):
     check_plan(plan, start, PLANNER, CAMERA)
     assert len(plan.legs) == 2
     first = plan.legs[0]
-    assert isinstance(first, Turn) or first.gear == -1
+    assert isinstance(first, Turn | Trajectory)
 
 
 def test_without_reverse_it_never_plans_to_reverse():
@@ -214,8 +214,21 @@ def test_without_reverse_it_never_plans_to_reverse():
     with contextlib.suppress(PlanningError):
         legs = planner.plan(start).legs
         assert all(isinstance(leg, Turn) or leg.gear == 1 for leg in legs)
+        assert min(twist.v for twist in planner.plan(start).rollout.twists) >= 0.0
     straight = planner.plan(facing(-1.5, 0.1, 0.0, WORLD)).legs
     assert all(isinstance(leg, Turn) or leg.gear == 1 for leg in straight)
+
+
+@settings(max_examples=8, deadline=None)
+@given(starts("R5"))
+def test_starts_that_need_reversing_go_on_through_the_change_of_gear(start):
+    plan = PLANNER.plan(start)
+    check_plan(plan, start, PLANNER, CAMERA)
+    assert isinstance(plan.legs[0], Trajectory)
+    v = np.array([twist.v for twist in plan.rollout.twists])
+    assert v.min() < -0.05
+    (change,) = np.flatnonzero((v[:-1] < 0.0) & (v[1:] >= 0.0))[:1]
+    assert abs(plan.rollout.twists[change].omega) > 0.1
 
 
 def test_docking_limits_are_planned_for():
@@ -267,7 +280,7 @@ def test_bad_requests_say_what_is_wrong():
 
 
 def test_an_impossible_start_says_which_constraint_forbids_it():
-    blind = FieldOfView(math.radians(4.0), Pose2(0.2, 0.0, 0.0))
+    blind = FieldOfView(math.radians(6.0), Pose2(0.2, 0.0, 0.0))
     start = facing(-0.5, 0.5, 0.0, World(camera=blind))
     with pytest.raises(PlanningError) as caught:
         plan_approach(start, Pose2(0, 0, 0), LIMITS, blind, STANDOFF, PERIOD)
