@@ -21,6 +21,9 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "clfcbf/qp/polygon.py": (_PARTS, _WHOLE),
     "clfcbf/qp/projection.py": (_PARTS, _ONE_SHOT, _WHOLE),
     "clfcbf/qp/relaxation.py": (_PARTS, _WHOLE),
+    "clfcbf/qp/chord.py": (_PARTS, _ONE_SHOT, _WHOLE),
+    "clfcbf/qp/segment.py": ("tests/qp/test_segment.py", _PARTS, _WHOLE),
+    "clfcbf/qp/least_violation.py": ("tests/qp/test_least_violation.py", _PARTS, _WHOLE),
     "clfcbf/qp/lexicographic.py": (_PARTS, _WHOLE),
 }
 """Module to its own test files, those that fail soonest first."""
