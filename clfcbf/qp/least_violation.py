@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from clfcbf.qp.chord import NOISE, box_scale, chord
 from clfcbf.qp.polygon import TRUSTED, Delicate
 from clfcbf.qp.relaxation import tightest
+from clfcbf.qp.segment import interval
 
 __all__ = ["relax_to_corner"]
 
@@ -93,6 +94,14 @@ def _lowest(box: Sequence[float], row: Row, taken: list[Row], noise: float) -> t
     a, c, _ = row
     if (abs(a) <= NOISE and v_lo < v_hi) or (abs(c) <= NOISE and w_lo < w_hi):
         raise Delicate
+    if v_lo == v_hi or w_lo == w_hi:
+        left = interval(box, [taken])
+        if isinstance(left, int):
+            raise Delicate
+        first, last = left
+        if v_lo == v_hi:
+            return v_lo, first if c > 0.0 else last
+        return first if a > 0.0 else last, w_lo
     v, w = v_lo if a > 0.0 else v_hi, w_lo if c > 0.0 else w_hi
     for count, (d, e, f) in enumerate(taken):
         size = abs(d) + abs(e)

@@ -9,8 +9,9 @@ optimisation, [Kerrigan2002]_). Rows enter with unit length and a level has one 
 so scaling, reordering, repeating or adding inactive rows changes nothing but the last bits.
 
 Plain floats on the way that every tick takes. Where they could not be trusted to 1e-12 (nearly
-parallel rows, sets empty or thin to rounding, badly scaled weights) the same geometry runs
-once more on fractions, which takes a fraction of a millisecond and rounds nothing.
+parallel rows, sets empty or thin to rounding, badly scaled weights), or a level that cannot hold
+leaves more than one command, the same geometry runs on fractions, which takes a fraction of a
+millisecond and rounds nothing.
 """
 
 from __future__ import annotations
@@ -20,13 +21,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from clfcbf.errors import ConfigurationError
-from clfcbf.qp.chord import NOISE, box_scale
 from clfcbf.qp.least_violation import relax_to_corner
-from clfcbf.qp.objective import Objective, nearest_on_edge
-from clfcbf.qp.polygon import TRUSTED, Delicate, box_polygon
+from clfcbf.qp.objective import Objective
+from clfcbf.qp.polygon import Delicate
 from clfcbf.qp.projection import project
 from clfcbf.qp.rational import solve_rational
-from clfcbf.qp.relaxation import relax
 from clfcbf.qp.segment import project_on_segment
 
 __all__ = [
@@ -149,9 +148,7 @@ def solve_lexicographic(
     if total - total != 0.0:  # NaN and infinity alike
         return None
     if holds:
-        return _new(
-            LexicographicSolution, (n_v, n_w, (0.0,) * len(levels), violated, False, None)
-        )
+        return _new(LexicographicSolution, (n_v, n_w, (0.0,) * len(levels), violated, False, None))
     if v_lo > v_hi or w_lo > w_hi:
         return None
     q11, q12, q22 = weight
@@ -175,47 +172,8 @@ def minimise(
             return _new(
                 LexicographicSolution, (v, omega, (0.0,) * len(levels), violated, False, None)
             )
-        try:
-            v, omega, slacks = relax_to_corner(box, levels, found)
-        except Delicate:  # more than a corner
-            return _relaxed(objective, box, levels, violated)
+        v, omega, slacks = relax_to_corner(box, levels, found)
         return _new(LexicographicSolution, (v, omega, slacks, violated, False, None))
     except Delicate:
         v, omega, slacks = solve_rational(objective, box, levels)
         return LexicographicSolution(v, omega, slacks, violated, True)
-
-
-def _relaxed(
-    objective: Objective[float], box: Box, levels: Sequence[Level], violated: tuple[int, ...]
-) -> LexicographicSolution:
-    """The solution where some level cannot hold: what is left is a segment or a point."""
-    v_lo, v_hi, w_lo, w_hi = box
-    noise = NOISE * box_scale(v_lo, v_hi, w_lo, w_hi)
-    cutting: list[list[Row]] = []
-    for rows in levels:
-        kept: list[Row] = []
-        for row in rows:
-            a_v, a_w, b = row
-            reach = a_v * (v_hi if a_v > 0.0 else v_lo) + a_w * (w_hi if a_w > 0.0 else w_lo)
-            if (a_v or a_w) and reach > b - noise * (abs(a_v) + abs(a_w)):
-                kept.append(row)
-        cutting.append(kept)
-    polygon, slacks = relax(box_polygon(v_lo, v_hi, w_lo, w_hi), cutting, _unit, noise)
-    if len(polygon) > 2 or abs(objective[3]) + abs(objective[4]) > TRUSTED * noise / NOISE:
-        raise Delicate
-    v, w = polygon[0]
-    if len(polygon) == 2:
-        # On floats such a segment lies along a side of the box, where no weight amplifies rounding.
-        v, w = nearest_on_edge(objective, polygon[0], polygon[1])
-    return LexicographicSolution(
-        v_lo if v < v_lo else v_hi if v > v_hi else v,
-        w_lo if w < w_lo else w_hi if w > w_hi else w,
-        tuple(slacks),
-        violated,
-    )
-
-
-def _unit(row: Row) -> Row:
-    a_v, a_w, b = row
-    length = math.hypot(a_v, a_w)
-    return a_v / length, a_w / length, b / length

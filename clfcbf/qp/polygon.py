@@ -1,8 +1,7 @@
-r"""Convex polygons of commands: clipping by half-planes.
+r"""Convex polygons of commands in exact arithmetic: clipping by half-planes.
 
-Everything here runs on floats and on :class:`fractions.Fraction` alike: one text, two
-arithmetics. On floats a decision that rounding could turn raises :class:`Delicate`, and the
-caller repeats the computation on fractions, where nothing is rounded.
+On fractions nothing is rounded, so a polygon is what it says. Where floats could not decide, the
+solvers in floats raise :class:`Delicate` and what is here answers.
 
 A polygon is the list of its corners, counter-clockwise, without repetitions; a segment has two,
 a point one, and the empty list is the empty set.
@@ -11,11 +10,11 @@ a point one, and the empty list is the empty set.
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import TypeVar
 
-__all__ = ["PARALLEL", "TRUSTED", "Delicate", "box_polygon", "clip"]
+__all__ = ["PARALLEL", "TRUSTED", "Corner", "Delicate", "ExactRow", "box_polygon", "clip"]
 
-N = TypeVar("N", float, Fraction)
+Corner = tuple[Fraction, Fraction]
+ExactRow = tuple[Fraction, Fraction, Fraction]
 
 PARALLEL = 2**50
 """Directions closer than ``1 / PARALLEL`` [rad] are one: rounding hides the difference."""
@@ -28,30 +27,24 @@ class Delicate(ArithmeticError):  # noqa: N818 (a request for more digits, not a
     """Rounding could change this decision; ask again with fractions."""
 
 
-def box_polygon(v_lo: N, v_hi: N, w_lo: N, w_hi: N) -> list[tuple[N, N]]:
+def box_polygon(v_lo: Fraction, v_hi: Fraction, w_lo: Fraction, w_hi: Fraction) -> list[Corner]:
     """Corners of the box; two or one where it is degenerate."""
     corners = [(v_lo, w_lo), (v_hi, w_lo), (v_hi, w_hi), (v_lo, w_hi)]
     return corners if v_lo < v_hi and w_lo < w_hi else _distinct(corners)
 
 
-def _distinct(corners: list[tuple[N, N]]) -> list[tuple[N, N]]:
+def _distinct(corners: list[Corner]) -> list[Corner]:
     kept = [p for i, p in enumerate(corners) if p != corners[i - 1]]
     return kept or corners[:1]
 
 
-def clip(polygon: list[tuple[N, N]], row: tuple[N, N, N], noise: N) -> list[tuple[N, N]]:
+def clip(polygon: list[Corner], row: ExactRow) -> list[Corner]:
     r"""The part of ``polygon`` in :math:`a^\top u \le b` (Sutherland-Hodgman).
 
     Parameters
     ----------
     polygon : corners, not empty
     row : ``(a_v, a_w, b)``, any length but zero
-    noise : bound on the rounding of a corner's coordinates; 0 says the arithmetic is exact
-
-    Raises
-    ------
-    Delicate : only with ``noise > 0``: the result is empty or thin to rounding, or ``row`` cuts
-        an edge at a small angle
 
     Notes
     -----
@@ -60,14 +53,9 @@ def clip(polygon: list[tuple[N, N]], row: tuple[N, N, N], noise: N) -> list[tupl
     """
     a, c, b = row
     residuals = [a * x + c * y - b for x, y in polygon]
-    lowest = min(residuals)
-    size = abs(a) + abs(c)
-    if noise and -noise * size <= lowest <= noise * size:
-        raise Delicate
     if max(residuals) <= 0:
         return polygon
-    if noise and lowest > 0:
-        return []
+    size = abs(a) + abs(c)
     count = len(polygon)
     for i in range(count):
         ri, rj = residuals[i - 1], residuals[i]
@@ -75,12 +63,10 @@ def clip(polygon: list[tuple[N, N]], row: tuple[N, N, N], noise: N) -> list[tupl
             (xi, yi), (xj, yj) = polygon[i - 1], polygon[i]
             across, length = abs(ri - rj), size * (abs(xi - xj) + abs(yi - yj))
             if across * PARALLEL <= length:
-                residuals[i - 1] = residuals[i] = a - a  # both ends count as on the row
-            elif noise and across * TRUSTED < length:
-                raise Delicate
+                residuals[i - 1] = residuals[i] = Fraction(0)  # both ends count as on the row
     if min(residuals) > 0:
         return []
-    kept: list[tuple[N, N]] = []
+    kept: list[Corner] = []
     for i in range(count):
         ri, rj = residuals[i - 1], residuals[i]
         # From the end inside to the end outside, so that both passes over a segment agree.
@@ -93,5 +79,5 @@ def clip(polygon: list[tuple[N, N]], row: tuple[N, N, N], noise: N) -> list[tupl
     return _distinct(kept)
 
 
-def _between(p: tuple[N, N], q: tuple[N, N], t: N) -> tuple[N, N]:
+def _between(p: Corner, q: Corner, t: Fraction) -> Corner:
     return (p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1]))

@@ -14,14 +14,12 @@ from typing import NamedTuple
 
 from clfcbf.qp.chord import NOISE, box_scale
 from clfcbf.qp.objective import Objective, cost, minimiser, nearest_on_edge
-from clfcbf.qp.polygon import box_polygon
+from clfcbf.qp.polygon import ExactRow, box_polygon
 from clfcbf.qp.relaxation import relax
 
 __all__ = ["RationalSolution", "solve_rational"]
 
 _ROOT_BITS = 200  # length of a row to 2**-100 relative
-_Row = tuple[Fraction, Fraction, Fraction]
-_ZERO = Fraction(0)
 
 
 class RationalSolution(NamedTuple):
@@ -32,7 +30,7 @@ class RationalSolution(NamedTuple):
     slacks: tuple[float, ...]
 
 
-def _unit(row: _Row) -> _Row:
+def _unit(row: ExactRow) -> ExactRow:
     a, c, b = row
     square = a * a + c * c
     shift = _ROOT_BITS - square.numerator.bit_length() + square.denominator.bit_length()
@@ -79,7 +77,7 @@ def solve_rational(
         for rows in levels
     ]
     corners = box_polygon(Fraction(v_lo), Fraction(v_hi), Fraction(w_lo), Fraction(w_hi))
-    polygon, slacks = relax(corners, exact_levels, _unit, _ZERO)
+    polygon, slacks = relax(corners, exact_levels, _unit)
     q11, q12, q22, n_v, n_w, c, s_v, s_w, s_b = map(Fraction, objective)
     exact = (q11, q12, q22, n_v, n_w, c, s_v, s_w, s_b)
     best = minimiser(exact)
@@ -92,7 +90,7 @@ def solve_rational(
 def _holds(
     point: tuple[Fraction, Fraction],
     corners: Sequence[tuple[Fraction, Fraction]],
-    levels: Sequence[Sequence[_Row]],
+    levels: Sequence[Sequence[ExactRow]],
 ) -> bool:
     v, w = point
     return (

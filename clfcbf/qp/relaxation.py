@@ -1,6 +1,6 @@
 r"""Levels of rows on a polygon: clip where a level fits, else relax it by the least amount.
 
-On floats and fractions alike, as :mod:`clfcbf.qp.polygon`.
+In exact arithmetic, as :mod:`clfcbf.qp.polygon`.
 """
 
 from __future__ import annotations
@@ -9,35 +9,27 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import TypeVar
 
-from clfcbf.qp.polygon import PARALLEL, TRUSTED, Delicate, clip
+from clfcbf.qp.polygon import PARALLEL, Corner, ExactRow, clip
 
 __all__ = ["relax", "tightest"]
 
 N = TypeVar("N", float, Fraction)
 
 
-def _lowest_face(
-    polygon: list[tuple[N, N]], row: tuple[N, N, N], noise: N
-) -> tuple[list[tuple[N, N]], N]:
+def _lowest_face(polygon: list[Corner], row: ExactRow) -> tuple[list[Corner], Fraction]:
     """Corner or edge of ``polygon`` where ``a.u - b`` is least, and that value."""
     a, c, b = row
     count = len(polygon)
     values = [a * x + c * y for x, y in polygon]
     least = min(values)
     first = last = values.index(least)
-    # Slopes, not values, decide ties: along a side of the box their signs carry no rounding.
+    # To either side as long as the row is parallel to the edge, to rounding.
     for step in (1, -1):
         at = first
         for _ in range(count - 1):
             nxt = (at + step) % count
-            if nxt == last:
-                break
             dx, dy = polygon[nxt][0] - polygon[at][0], polygon[nxt][1] - polygon[at][1]
-            rise, length = a * dx + c * dy, abs(dx) + abs(dy)
-            flat = abs(rise) * PARALLEL <= length
-            if noise and ((dx and dy and abs(rise) <= noise) or (rise < 0 and not flat)):
-                raise Delicate
-            if not flat:
+            if nxt == last or abs(a * dx + c * dy) * PARALLEL > abs(dx) + abs(dy):
                 break
             at = nxt
         if step > 0:
@@ -50,39 +42,38 @@ def _lowest_face(
 
 
 def _least_violation(
-    polygon: list[tuple[N, N]], rows: Sequence[tuple[N, N, N]], noise: N
-) -> tuple[list[tuple[N, N]], N]:
+    polygon: list[Corner], rows: Sequence[ExactRow]
+) -> tuple[list[Corner], Fraction]:
     r"""Where :math:`\max_i (a_i^\top u - b_i)` is least over ``polygon``, and that value.
 
     ``rows`` have unit length. Incremental: the minimum over the rows so far either satisfies
     the next row, or the new minimum lies where the next row is the largest [Seidel1991]_.
     With rows of unit length the minimum is attained on a corner or an edge, never on an area.
     """
-    rows = tightest(rows) if len(rows) > 1 else rows
+    rows = tightest(rows)
     taken = [rows[0]]
-    face, value = _lowest_face(polygon, rows[0], noise)
+    face, value = _lowest_face(polygon, rows[0])
     for row in rows[1:]:
         a, c, b = row
-        within = clip(face, (a, c, b + value), noise)
+        within = clip(face, (a, c, b + value))
         if within:
             face = within
         else:
             region = polygon
             for i, j, k in taken:
-                if noise and (abs(i - a) + abs(j - c)) * TRUSTED < 1:
-                    raise Delicate  # the difference has lost digits that it needs
-                region = _clip_difference(region, (i - a, j - c, k - b), noise)
+                region = _clip_difference(region, (i - a, j - c, k - b))
             # Empty only where the rows are one to rounding (PARALLEL): the face stands.
             if region:
-                face, value = _lowest_face(region, row, noise)
-            elif noise:
-                raise Delicate
+                face, value = _lowest_face(region, row)
         taken.append(row)
     return face, value
 
 
 def tightest(rows: Sequence[tuple[N, N, N]]) -> list[tuple[N, N, N]]:
-    """Of unit rows in one direction, to rounding, the one with the least right-hand side."""
+    """Of unit rows in one direction, to rounding, the one with the least right-hand side.
+
+    On floats and fractions alike.
+    """
     kept: list[tuple[N, N, N]] = []
     for a, c, b in rows:
         for index, (d, e, f) in enumerate(kept):
@@ -95,21 +86,18 @@ def tightest(rows: Sequence[tuple[N, N, N]]) -> list[tuple[N, N, N]]:
     return kept
 
 
-def _clip_difference(
-    polygon: list[tuple[N, N]], row: tuple[N, N, N], noise: N
-) -> list[tuple[N, N]]:
+def _clip_difference(polygon: list[Corner], row: ExactRow) -> list[Corner]:
     """``clip`` that also takes the empty polygon and the zero row."""
     if not polygon or (row[0] == 0 and row[1] == 0):
         return polygon if row[2] >= 0 else []
-    return clip(polygon, row, noise)
+    return clip(polygon, row)
 
 
 def relax(
-    polygon: list[tuple[N, N]],
-    levels: Sequence[Sequence[tuple[N, N, N]]],
-    unit: Callable[[tuple[N, N, N]], tuple[N, N, N]],
-    noise: N,
-) -> tuple[list[tuple[N, N]], list[N]]:
+    polygon: list[Corner],
+    levels: Sequence[Sequence[ExactRow]],
+    unit: Callable[[ExactRow], ExactRow],
+) -> tuple[list[Corner], list[Fraction]]:
     r"""Clip by level after level; where one does not fit, relax it as little as possible.
 
     Level :math:`\ell` leaves :math:`\{u \in C_{\ell-1} : a_i^\top u \le b_i + s_\ell |a_i|\}` with
@@ -120,25 +108,22 @@ def relax(
     polygon : corners of :math:`C_0`, not empty
     levels : rows ``(a_v, a_w, b)`` without zero rows, the most important level first
     unit : scales a row to unit length
-    noise : as in :func:`clip`
 
     Returns
     -------
     The corners of the last :math:`C_\ell` and one slack a level
     """
-    slacks: list[N] = []
+    slacks: list[Fraction] = []
     for rows in levels:
         kept = polygon
         for row in rows:
-            kept = clip(kept, row, noise)
+            kept = clip(kept, row)
             if not kept:
                 break
         if kept:
             polygon = kept
-            slacks.append(noise - noise)
+            slacks.append(Fraction(0))
         else:
-            polygon, slack = _least_violation(polygon, [unit(row) for row in rows], noise)
-            if slack <= noise and noise:
-                raise Delicate
+            polygon, slack = _least_violation(polygon, [unit(row) for row in rows])
             slacks.append(slack)
     return polygon, slacks

@@ -14,7 +14,7 @@ from clfcbf.qp.objective import Objective, line_minimum
 from clfcbf.qp.polygon import TRUSTED, Delicate
 from clfcbf.qp.projection import check_trusted
 
-__all__ = ["project_on_segment"]
+__all__ = ["interval", "project_on_segment"]
 
 
 def project_on_segment(
@@ -37,6 +37,26 @@ def project_on_segment(
     Raises
     ------
     Delicate : floats cannot answer to 1e-12
+    """
+    v_lo, v_hi, w_lo, w_hi = box
+    upright = v_lo == v_hi
+    held, lo, hi = (v_lo, w_lo, w_hi) if upright else (w_lo, v_lo, v_hi)
+    found = interval(box, levels)
+    if isinstance(found, int):
+        return found
+    first, last = found
+    if lo < hi:
+        t = _minimum(objective, box, held, upright)
+        first = first if t < first else last if t > last else t
+    return (held, first) if upright else (first, held)
+
+
+def interval(
+    box: Sequence[float], levels: Sequence[Sequence[tuple[float, float, float]]]
+) -> tuple[float, float] | int:
+    """The values of the free input that the rows leave, or the first level that leaves none.
+
+    Parameters and raises as :func:`project_on_segment`.
     """
     v_lo, v_hi, w_lo, w_hi = box
     upright = v_lo == v_hi
@@ -64,10 +84,7 @@ def project_on_segment(
                 if last - first < -4.0 * noise:
                     return level
                 raise Delicate
-    if lo < hi:
-        t = _minimum(objective, box, held, upright)
-        first = first if t < first else last if t > last else t
-    return (held, first) if upright else (first, held)
+    return first, last
 
 
 def _minimum(
