@@ -208,6 +208,11 @@ def test_where_the_view_forbids_going_forward_it_backs_off(x, y, bearing):
     assert isinstance(first, Turn | Trajectory)
 
 
+def test_beside_the_goal_and_turned_far_aside_it_reverses_far():
+    start = Pose2(-0.338, -0.569, 0.9826)
+    check_plan(PLANNER.plan(start), start, PLANNER, CAMERA)
+
+
 def test_without_reverse_it_never_plans_to_reverse():
     planner = make_planner(Limits(0.22, 0.4, 0.3, 1.0, v_min=0.0))
     start = facing(-0.4, -0.4, 0.1, WORLD)
