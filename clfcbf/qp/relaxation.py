@@ -60,8 +60,8 @@ def _least_violation(
             face = within
         else:
             region = polygon
-            for i, j, k in taken:
-                region = _clip_difference(region, (i - a, j - c, k - b))
+            for i, j, k in taken:  # no two of one direction, so no difference is zero
+                region = clip(region, (i - a, j - c, k - b)) if region else region
             # Empty only where the rows are one to rounding (PARALLEL): the face stands.
             if region:
                 face, value = _lowest_face(region, row)
@@ -84,13 +84,6 @@ def tightest(rows: Sequence[tuple[N, N, N]]) -> list[tuple[N, N, N]]:
         else:
             kept.append((a, c, b))
     return kept
-
-
-def _clip_difference(polygon: list[Corner], row: ExactRow) -> list[Corner]:
-    """``clip`` that also takes the empty polygon and the zero row."""
-    if not polygon or (row[0] == 0 and row[1] == 0):
-        return polygon if row[2] >= 0 else []
-    return clip(polygon, row)
 
 
 def relax(

@@ -182,6 +182,7 @@ def test_relaxed_sets_are_thin(offsets):
     violations = [max(a * x + c * y - b for a, c, b in level) for x, y in polygon]
     if slack:
         assert len(polygon) <= 2
+        assert len(set(polygon)) == len(polygon)
         assert violations == [slack] * len(polygon)
     else:
         assert max(violations) <= 0
