@@ -18,8 +18,9 @@ ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 HEAVY = (
-    "casadi", "cbfpy", "clarabel", "control", "cvxpy", "daqp", "highspy", "jax", "joblib",
-    "matplotlib", "mujoco", "osqp", "proxsuite", "qpsolvers", "quadprog", "scipy", "tqdm", "tyro",
+    "can", "canopen", "casadi", "cbfpy", "clarabel", "control", "cvxpy", "cyclonedds", "daqp",
+    "highspy", "jax", "joblib", "matplotlib", "mcap", "mujoco", "osqp", "proxsuite", "qpsolvers",
+    "quadprog", "rclpy", "scipy", "tqdm", "tyro", "zstandard",
 )  # fmt: skip
 
 FRESH = f"""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import itertools
 import math
+import os
 import sys
 from pathlib import Path
 
@@ -25,7 +26,7 @@ def example(name):
 
 
 def test_all_examples_are_tested_here():
-    assert NAMES == ["dock_can", "dock_mujoco", "filter_cmd_vel", "jitter"]
+    assert NAMES == ["dock_can", "dock_mujoco", "dock_ros2", "filter_cmd_vel", "jitter"]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -67,6 +68,20 @@ def test_mujoco_robot_is_driven_in_real_time(monkeypatch):
         assert after.sent - before.sent > 0.0
     gaps = [after.sent - before.sent for before, after in itertools.pairwise(ticks)]
     assert sum(gaps) / len(gaps) >= 1.0 / 30.0 - 1e-3
+
+
+def test_mujoco_robot_docks_and_undocks_through_ros_topics(monkeypatch):
+    pytest.importorskip("mujoco", reason="needs the extra sim")
+    pytest.importorskip("cyclonedds", reason="needs the extra dds")
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + os.getpid() % 200))
+    module = example("dock_ros2")
+    (docked, at), (undocked, out) = module.dock(Pose2(-1.5, 0.3, 0.0), simulated=True)
+    assert docked["success"], docked
+    assert math.hypot(at.x, at.y) < 0.010
+    assert abs(at.theta) < math.radians(2.0)
+    assert undocked["success"], undocked
+    assert math.dist(at[:2], out[:2]) == pytest.approx(0.7, abs=0.05)
 
 
 def test_filter_keeps_the_view_and_stops_with_its_source(capsys):
