@@ -8,6 +8,7 @@ __all__ = [
     "ConfigurationError",
     "GeometryError",
     "LimitsError",
+    "LogError",
     "MissingExtraError",
     "PlanningError",
 ]
@@ -44,6 +45,10 @@ class PlanningError(ClfcbfError):
 
 class BackendError(ClfcbfError):
     """A quadratic-program backend is unknown or cannot take the program."""
+
+
+class LogError(ClfcbfError, ValueError):
+    """A flight recorder's log is unusable; the message says what is wrong with it, and where."""
 
 
 class MissingExtraError(ClfcbfError, ImportError):

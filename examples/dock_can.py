@@ -39,7 +39,8 @@ def dock(start: Pose2, simulated: bool, seed: int = 0) -> tuple[LoopReport, Pose
     sensor = PoseSensor(plant, world.camera, world.standoff, SensorModel.named("A"), rng)
     robot = PlantInTheLoop(plant, sensor, None if simulated else MonotonicClock())
     timing = CanTiming(timeout=2.0, silence=2.0) if simulated else CanTiming()
-    chassis = CanDrives(open_bus("virtual", "dock_can"), LEFT, RIGHT, WHEELS, timing=timing)
+    bus = open_bus("virtual", "dock_can")
+    chassis = CanDrives(bus, LEFT, RIGHT, WHEELS, timing=timing, quick_stop=limits)
     controller = DockingController(limits, world.camera, world.standoff, world.period, lag=body.lag)
     loop = ControlLoop(controller, chassis, robot, robot, period=world.period, limits=limits)
     try:

@@ -444,3 +444,36 @@ def test_what_only_the_controller_refuses_is_told_with_the_file(tmp_path, capsys
     path.write_text(changed("docking", "fraction = 2"))
     assert cli.main(["check", str(path)]) == 2
     assert "robot.toml: fraction must be in (0, 1], got 2.0" in capsys.readouterr().err
+
+
+# What would take minutes ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("period", ["1e-9", "0.00099"])
+def test_a_period_no_plan_can_be_made_with_is_refused(period):
+    with pytest.raises(ConfigurationError, match=r"period must be at least 0\.001 s"):
+        parse_config(changed("filter", f"period = {period}"))
+
+
+@pytest.mark.parametrize("line", ["v_max = 1e12", "v_max = 1e-6", "a_max = 1e-9"])
+def test_limits_no_plan_can_be_made_with_are_refused_by_the_controller(line):
+    """At once: not after a table of a petabyte, or of hours of driving."""
+    config = parse_config(changed("limits", line))
+    with pytest.raises(ConfigurationError, match=line.split(" ", maxsplit=1)[0]):
+        config.controller()
+
+
+@pytest.mark.parametrize(
+    ("section", "line", "told"),
+    [
+        ("docking", "standoff = nan", "[docking] standoff must be finite, got nan"),
+        ("loop", f"misses = {10**400}", "[loop] misses is too large for a number"),
+        ("loop", "window = 1000000000", "[loop] window must be at most 10000000"),
+        ("docking", "patience = inf", "[docking] patience must be finite, got inf"),
+        ("filter", "period = 0.0", "[filter] period must be finite and positive [s], got 0.0"),
+        ("limits", "alpha_max = 5e-324", "[limits] alpha_max is far out of range: 5e-324"),
+    ],
+)
+def test_what_is_computed_with_is_refused_by_its_own_name(section, line, told):
+    with pytest.raises(ConfigurationError, match=re.escape(told)):
+        parse_config(changed(section, line))

@@ -24,12 +24,14 @@ from clfcbf.errors import ConfigurationError, LimitsError
 from clfcbf.hardware.clocks import MonotonicClock
 from clfcbf.hardware.conformance import check_chassis, check_clock, check_sensor
 from clfcbf.limits import Limits
+from clfcbf.qp.exact import BackendHealth, LexicographicSolution
 from clfcbf.runtime import (
     CommandFilter,
     ControlLoop,
     Ending,
     LoopPolicy,
     Overrun,
+    Part,
     Percentiles,
     PlantInTheLoop,
 )
@@ -783,3 +785,233 @@ def test_a_process_told_to_terminate_brakes_in_real_time():
     assert speeds[-1] == 0.0
     for before, after in itertools.pairwise(speeds):
         assert abs(after - before) <= ROBOT.a_max * PERIOD + 2e-6
+
+
+# Which part it was ------------------------------------------------------------------------------
+
+
+def failing_loop(method, after=7, error=None):
+    """A loop one of whose parts raises at a call of ``method``."""
+    error = error or ChassisError("gone")
+    clock, sound = failing(after, error, method, FakeClock)(), FakeClock()
+    chassis = failing(after, error, method, Recorded)(clock)
+    sensor = failing(after, error, method, GoodSensor)(clock)
+    controller = failing(after, error, method, Cruise)()
+    chassis.clock = sensor.clock = sound
+    type(clock).time = property(lambda self: sound.time, lambda self, t: setattr(sound, "time", t))
+    return ControlLoop(controller, chassis, sensor, clock, period=PERIOD, limits=ROBOT)
+
+
+PARTS = {
+    "send": Part.CHASSIS, "applied": Part.CHASSIS, "observe": Part.SENSOR,
+    "step": Part.CONTROLLER, "sleep_until": Part.CLOCK,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("method", PARTS)
+def test_the_part_that_raised_is_named(method):
+    loop = failing_loop(method)
+    with pytest.raises(ChassisError):
+        loop.run(duration=5.0)
+    assert loop.report.part is PARTS[method]
+    (failure,) = loop.report.failures
+    assert (failure.part, failure.what, failure.ticks) == (PARTS[method], "raised", 1)
+    assert str(failure) == f"{PARTS[method].value} raised: ChassisError: gone"
+
+
+def test_an_interrupt_is_no_part_s_failure():
+    loop = failing_loop("step", error=KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        loop.run()
+    assert loop.report.part is None
+    assert loop.report.failures == ()
+
+
+def test_the_observer_that_raised_is_named():
+    def look(tick):
+        raise ChassisError("disk")
+
+    loop, _ = loop_of(Cruise(), on_tick=look)
+    with pytest.raises(ChassisError):
+        loop.run()
+    assert loop.report.part is Part.OBSERVER
+
+
+def test_a_run_without_failures_names_none():
+    loop, _ = loop_of(Cruise())
+    report = loop.run(duration=3.0)
+    assert (report.part, report.failures) == (None, ())
+
+
+def test_a_silent_sensor_is_named_though_the_run_goes_on():
+    clock = FakeClock()
+
+    class Silenced(GoodSensor):
+        def observe(self):
+            seen = super().observe()
+            return None if 101.0 <= clock.time < 104.0 else seen
+
+    loop, _ = loop_of(Cruise(), clock, sensor=Silenced(clock))
+    report = loop.run(duration=6.0)
+    (failure,) = report.failures
+    assert (failure.part, failure.what) == (Part.SENSOR, "silent")
+    # from the patience of 2 s after the last measurement until the next
+    assert failure.first == pytest.approx(103.0, abs=0.15)
+    assert failure.last == pytest.approx(104.0, abs=0.15)
+    assert failure.ticks == pytest.approx((failure.last - failure.first) / PERIOD + 1, abs=0.1)
+
+
+def deciding(**fields):
+    class Decides(Cruise):
+        def step(self, observation, applied, now):
+            return super().step(observation, applied, now)._replace(**fields)
+
+    return Decides()
+
+
+SOLVED = LexicographicSolution(0.0, 0.0, ())
+NO_ANSWER = BackendHealth("mine", False, "numerical error", math.inf, "RuntimeError: no licence")
+
+
+@pytest.mark.parametrize(
+    ("fields", "part", "told"),
+    [
+        ({"answer": SOLVED._replace(health=NO_ANSWER)}, Part.SOLVER,
+         "solver gave no answer: 'mine': RuntimeError: no licence"),
+        ({"answer": SOLVED._replace(health=NO_ANSWER._replace(refused=True))}, Part.SOLVER,
+         "solver gave a wrong answer: 'mine'"),
+        ({"status": Status.INTERNAL_ERROR, "reason": "ValueError: barrier"}, Part.CONTROLLER,
+         "controller raised inside: ValueError: barrier"),
+        ({"status": Status.SOLVER_FAILED}, Part.SOLVER, "solver gave no answer"),
+        ({"status": Status.CLOCK_ERROR}, Part.CLOCK, "clock did not advance"),
+        ({"status": Status.INVALID_INPUT}, Part.SENSOR, "sensor unusable"),
+    ],
+)  # fmt: skip
+def test_what_a_decision_says_of_a_part_is_noted(fields, part, told):
+    loop, _ = loop_of(deciding(**fields))
+    report = loop.run(duration=1.0)
+    (failure,) = report.failures
+    assert failure.part is part
+    assert str(failure).startswith(told)
+    assert failure.ticks == report.statistics.ticks
+
+
+def test_a_solver_that_was_used_is_no_failure():
+    used = BackendHealth("mine", True, "optimal", 0.0, "")
+    loop, _ = loop_of(deciding(answer=SOLVED._replace(health=used)))
+    assert loop.run(duration=1.0).failures == ()
+
+
+@pytest.mark.parametrize("slow", ["observe", "applied", "step", "send", "on_tick", "machine"])
+def test_the_part_that_was_slow_is_named(slow):
+    clock = FakeClock()
+    delay = {slow: 2.5 * PERIOD}
+
+    def wait(name, number):
+        clock.time += delay.get(name, 0.0) if number == 20 else 0.0
+
+    class Chassis(Recorded):
+        asked = 0
+
+        def applied(self):
+            self.asked += 1
+            wait("applied", self.asked // 2)  # once a tick before the decision, and once after
+            return super().applied()
+
+        def send(self, twist):
+            wait("send", len(self.sent))
+            super().send(twist)
+
+    class Sensor(GoodSensor):
+        asked = 0
+
+        def observe(self):
+            self.asked += 1
+            wait("observe", self.asked)
+            return super().observe()
+
+    class Clock(FakeClock):
+        waits = 0
+
+        def sleep_until(self, time):
+            super().sleep_until(time)
+            self.waits += 1
+            wait("machine", self.waits)
+
+    clock = Clock()
+    ticks = []
+    loop, _ = loop_of(
+        Cruise(lambda number: wait("step", number)), clock, Chassis(clock), Sensor(clock),
+        on_tick=lambda tick: (wait("on_tick", tick.number), ticks.append(tick)),
+    )  # fmt: skip
+    report = loop.run(duration=2.0)
+    expected = {
+        "observe": Part.SENSOR, "applied": Part.CHASSIS, "step": Part.CONTROLLER,
+        "send": Part.CHASSIS, "on_tick": Part.OBSERVER, "machine": Part.MACHINE,
+    }  # fmt: skip
+    assert [(f.part, f.what) for f in report.failures] == [(expected[slow], "late")]
+    assert f"took {2.5 * PERIOD:.3f} s of a period of {PERIOD:.3f} s" in str(report.failures[0])
+    assert sum(tick.missed for tick in ticks) == 1
+
+
+def test_a_solver_within_a_late_step_is_told():
+    clock = FakeClock()
+    health = BackendHealth("mine", True, "optimal", 0.0, "")
+
+    class Slow(Cruise):
+        def step(self, observation, applied, now):
+            decision = super().step(observation, applied, now)
+            return decision._replace(answer=SOLVED._replace(health=health))
+
+    slow = Slow(lambda number: setattr(clock, "time", clock.time + 2.0 * PERIOD * (number > 9)))
+    loop, _ = loop_of(slow, clock)
+    report = loop.run()
+    assert report.ending is Ending.OVERRUN
+    assert report.part is Part.CONTROLLER
+    assert str(report.failures[0]).endswith("with the solver 'mine' in it, 15 ticks")
+
+
+@pytest.mark.parametrize("overrun", [Overrun.BRAKE, Overrun.SEND])
+def test_a_base_that_stopped_by_itself_during_a_tick_is_not_sped_up_again(overrun):
+    """Its time-out runs off while a decision takes long; what was in force is so no longer."""
+    clock = FakeClock()
+    ticks = []
+    long = lambda number: setattr(clock, "time", clock.time + 0.3 * (number == 20))  # noqa: E731
+    chassis = Recorded(clock)
+    chassis.timeout = 0.2
+    loop, _ = loop_of(
+        Cruise(long), clock, chassis, policy=LoopPolicy(overrun), on_tick=ticks.append
+    )  # fmt: skip
+    report = loop.run(duration=1.5)
+    late = ticks[20]
+    assert late.applied.v > 0.15
+    assert late.in_force == REST
+    assert late.command == REST
+    assert all(tick.in_force is None for tick in ticks if tick is not late)
+    assert ROBOT.input_box(REST, PERIOD).contains(ticks[21].command, 1e-9)
+    assert (Part.CONTROLLER, "late") in [(f.part, f.what) for f in report.failures]
+
+
+def test_a_base_that_stops_by_itself_is_named():
+    clock = FakeClock()
+
+    class Tired(Recorded):
+        def applied(self):
+            return REST if len(self.sent) == 20 else super().applied()
+
+    loop, _ = loop_of(Cruise(), clock, Tired(clock))
+    report = loop.run(duration=1.5)
+    assert [(f.part, f.what) for f in report.failures] == [(Part.CHASSIS, "stopped by itself")]
+
+
+def test_a_base_that_gives_no_twist_is_named():
+    clock = FakeClock()
+
+    class Odd(Recorded):
+        def applied(self):
+            return Twist(math.nan, 0.0) if len(self.sent) in (20, 21) else super().applied()
+
+    loop, _ = loop_of(Cruise(), clock, Odd(clock))
+    with pytest.raises(LimitsError):
+        loop.run()
+    assert [f.part for f in loop.report.failures] == [Part.CHASSIS, Part.CONTROLLER]

@@ -41,6 +41,8 @@ from clfcbf.recorder import (
     LogError,
     LoggedTask,
     LoggedTick,
+    SessionInputs,
+    SessionRecorder,
     Unrecorded,
     configuration_from_json,
     configuration_to_json,
@@ -55,6 +57,7 @@ from clfcbf.runtime.loop import Tick
 from clfcbf.safety_filter import FilterInputs, SafetyFilter
 from clfcbf.scene import Observation, Reference, Scene
 from clfcbf.se2 import Pose2, Twist
+from clfcbf.session import Dock, DockDatabase, DockingSession, DockType, PhaseControllers
 from clfcbf.simulation.kinematic import KinematicPlant
 from clfcbf.simulation.plant import Body
 from clfcbf.simulation.scenarios import LIMITS, World
@@ -847,3 +850,205 @@ def test_plot_refuses_an_empty_log(tmp_path, capsys):
     assert cli.main(["plot", str(tmp_path / "run")]) == 2
     assert cli.main(["explain", str(tmp_path / "run")]) == 2
     assert capsys.readouterr().err.count("holds no tick") == 2
+
+
+# A docking session ------------------------------------------------------------------------------
+
+
+def session_log(path, script, *, stage=False, cancel=math.inf):
+    """The log of a session, and the commands that were sent.
+
+    ``script`` gives the tasks; each is canceled at the speed ``cancel``.
+    """
+    parts, controller = robot(Pose2(-1.0, 0.05, 0.0))
+    world, limits = World(), LIMITS["approaching"]
+    kind = DockType(staging_offset=Pose2(-0.8, 0.0, 0.0))
+    docks = DockDatabase({"a": Dock("a", kind, Pose2(0.0, 0.0, 0.0))}, {"default": kind})
+    sent = []
+    with FlightRecorder(path, controller.config, synchronous=False) as recorder:
+        watch = SessionRecorder(recorder)
+
+        class Ahead:
+            """Somebody else's: a little straight on."""
+
+            def step(self, observation, applied, now):
+                box = limits.input_box(applied, PERIOD)
+                done = now > 1.0
+                twist = box.clip(REST if done else Twist(0.05, 0.0))
+                ended = done and applied == REST
+                return Decision(twist, Status.OPTIMAL, True, twist, 0.0, done=ended)
+
+        session = DockingSession(
+            PhaseControllers(
+                lambda dock: watch.controller(robot()[1]),
+                (lambda dock: watch.foreign(Ahead())) if stage else None,
+            ),
+            docks, limits, world.period,
+        )  # fmt: skip
+
+        def on_tick(tick):
+            watch.on_tick(tick)
+            sent.append(tick.command)
+            if abs(tick.command.v) > cancel:
+                session.cancel()
+
+        loop = ControlLoop(
+            session, parts, parts, parts, period=PERIOD, limits=limits, on_tick=on_tick
+        )
+        script(session, loop)
+    return sent
+
+
+def there_and_back(session, loop):
+    session.dock("a")
+    loop.run(60.0)
+    assert session.result.success
+    session.undock()
+    loop.run(60.0)
+    assert session.result.success
+
+
+@pytest.mark.parametrize("stage", [False, True])
+def test_a_session_is_recorded_and_reproduced_to_the_last_bit(tmp_path, stage):
+    path = tmp_path / "log"
+    sent = session_log(path, there_and_back, stage=stage)
+    log = read_log(path)
+    ticks = list(log.ticks())
+    assert bits([tick.command for tick in ticks]) == bits(sent)
+    kinds = {type(tick.inputs) for tick in ticks}
+    assert kinds == {DockingInputs, SessionInputs}
+    assert any(t.inputs.foreign for t in ticks if type(t.inputs) is SessionInputs) is stage
+    tasks = [entry for entry in log.entries() if isinstance(entry, LoggedTask)]
+    assert [(task.fresh, task.undock) for task in tasks] == [(True, 0.0), (False, 0.8)]
+    found = replay(log)
+    assert found.reproduced
+    assert (found.ticks, found.decisions) == (len(sent), 0)
+
+
+def test_a_session_s_own_brake_is_reproduced(tmp_path):
+    """Canceled at speed, and again on the way out, and again with another controller."""
+
+    def script(session, loop):
+        for task in (lambda: session.dock("a"), session.undock, lambda: session.dock("a")):
+            task()
+            loop.run(20.0)
+            assert session.result.canceled
+
+    path = tmp_path / "log"
+    session_log(path, script, cancel=0.12)
+    ticks = list(read_log(path).ticks())
+    braked = [t for t in ticks if type(t.inputs) is SessionInputs and t.inputs.applied != REST]
+    assert max(abs(tick.command.v) for tick in braked) > 0.05
+    assert replay(read_log(path)).reproduced
+
+
+@pytest.mark.parametrize("which", [DockingInputs, SessionInputs])
+def test_one_bit_of_a_session_s_command_is_found(tmp_path, which):
+    path = tmp_path / "log"
+
+    def script(session, loop):
+        session.dock("a")
+        loop.run(20.0)
+
+    session_log(path, script, cancel=0.12)
+    log = read_log(path)
+    moving = [t.number for t in log.ticks() if type(t.inputs) is which and t.command.v > 0.02]
+    with FlightRecorder(tmp_path / "other", log.configuration(), synchronous=False) as recorder:
+        for entry in log.entries():
+            if isinstance(entry, LoggedTask):
+                recorder.task(entry.undock, fresh=entry.fresh)
+            elif isinstance(entry, LoggedTick):
+                decision, loop = entry.decision, entry.loop
+                if entry.number == moving[3]:
+                    v, omega = decision.twist
+                    wrong = Twist(math.nextafter(v, 1.0), omega)
+                    decision = decision._replace(twist=wrong)
+                    loop = loop._replace(command=wrong)
+                recorder.given(Given(entry.inputs, entry.now, decision, loop))
+    found = replay(read_log(tmp_path / "other"))
+    assert not found.reproduced
+    assert found.commands == 1
+
+
+def test_a_brake_from_what_was_in_force_after_all_is_reproduced(tmp_path):
+    """A base whose time-out ran off within a tick: the loop asks again, and brakes from there."""
+    parts, controller = robot()
+    path = tmp_path / "log"
+    limits = LIMITS["approaching"]
+    asked = itertools.count()
+
+    class Slips:
+        """Half of a command is gone at some second question of a tick."""
+
+        def __getattr__(self, name):
+            return getattr(parts, name)
+
+        def send(self, twist):
+            parts.send(twist)
+
+        def stop(self):
+            parts.stop()
+
+        def applied(self):
+            v, omega = parts.applied()
+            return Twist(0.5 * v, omega) if next(asked) % 40 == 39 else Twist(v, omega)
+
+    with FlightRecorder(path, controller.config, synchronous=False) as recorder:
+        ControlLoop(
+            controller, Slips(), parts, parts, period=PERIOD, limits=limits,
+            on_tick=recorder.on_tick,
+        ).run(6.0)  # fmt: skip
+    ticks = list(read_log(path).ticks())
+    other = [tick for tick in ticks if tick.loop.in_force is not None]
+    assert len(other) >= 3
+    assert replay(read_log(path)).reproduced
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('"half_angle": ', '"half_angle": "wide", "x": ', "FieldOfView has a 'x'"),
+        ('"camera": {"kind": "FieldOfView"', '"camera": {"kind": "Limits"', "Limits has a"),
+        ('"period": 0.0', '"period": 0.0000001, "y": 0.0', "FilterConfig has a 'y'"),
+    ],
+)
+def test_configurations_of_other_fields_are_refused(old, new, told):
+    text = configuration_to_json(robot()[1].config)
+    assert old in text
+    with pytest.raises(LogError, match=re.escape(told)):
+        configuration_from_json(text.replace(old, new, 1))
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "told"),
+    [
+        (("gains",), "0.1", "has '0.1' for its gains"),
+        (("camera", "half_angle"), "wide", "has 'wide' for its half_angle"),
+        (("camera", "half_angle"), True, "has True for its half_angle"),
+        (("attempts",), 1.5, "has 1.5 for its attempts"),
+        (("filter", "barriers"), [1.0], "for its barriers"),
+        (("filter", "barriers"), 1.0, "has 1.0 for its barriers"),
+        (("filter", "weight"), [1.0, 0.0], "for its weight"),
+        (("filter", "weight"), [1.0, 0.0, "x"], "for its weight"),
+        (("filter", "backend"), 3, "has 3 for its backend"),
+        (("filter", "limits", "v_min"), "slow", "has 'slow' for its v_min"),
+        (("filter", "period"), 1e-7, "period must be at least 0.001 s, got 1e-07"),
+        (("filter", "limits", "v_max"), 1e12, "v_max"),
+        (("filter", "limits", "a_max"), 5e-324, "unusable"),
+    ],
+)
+def test_values_of_another_type_or_beyond_reason_are_refused(path, value, told):
+    tree = json.loads(configuration_to_json(robot()[1].config))
+    node = tree
+    for key in path[:-1]:
+        node = node[key]
+    node[path[-1]] = value
+    with pytest.raises(LogError, match=re.escape(told)):
+        configuration_from_json(json.dumps(tree))
+
+
+def test_a_filter_whose_brake_has_no_length_is_refused():
+    tree = json.loads(configuration_to_json(SafetyFilter(ROBOT, [CAMERA], PERIOD).config))
+    tree["limits"]["a_max"] = 5e-324
+    with pytest.raises(LogError, match="unusable"):
+        configuration_from_json(json.dumps(tree))

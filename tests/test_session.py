@@ -671,3 +671,66 @@ def test_pauses_double_up_to_the_longest(pause, longest, retry):
     for _ in range(min(retry, 200) - 1):
         doubled = min(2.0 * doubled, 1e6)
     assert policy.pause_before(retry) == min(doubled, longest)
+
+
+# Which part it was ---------------------------------------------------------------------------
+
+
+def raising(text):
+    def ask(*_):
+        raise RuntimeError(text)
+
+    return ask
+
+
+@pytest.mark.parametrize("method", ["docked", "confirmed", "release", "released"])
+def test_a_contact_that_raises_is_named(method):
+    contact = Contact()
+    setattr(contact, method, raising("relay"))
+    robot = Robot([Script()], kind={"confirm": True}, contact=contact)
+    if method.startswith("release"):
+        robot.session.undock("a")
+    else:
+        robot.session.dock("a")
+    result = robot.run()
+    assert result.error_code is ErrorCode.UNKNOWN
+    assert result.error_msg == "the dock's contact raised RuntimeError: relay"
+
+
+def test_a_controller_that_raises_is_named():
+    robot = Robot([Script(end="raise")])
+    robot.session.dock("a")
+    assert robot.run().error_msg == "the controller (approaching) raised RuntimeError: encoder"
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"stage": raising("map")}, "the maker of the staging controller"),
+        ({"stage": lambda dock: Script(end="raise")}, "the controller (staging)"),
+        ({"robot_pose": raising("tf")}, "robot_pose"),
+    ],
+)
+def test_who_failed_at_staging_is_named(options, told):
+    robot = Robot([Script()], **options)
+    robot.session.dock("a")
+    assert robot.run().error_msg.startswith(f"{told} raised RuntimeError: ")
+
+
+def test_a_maker_that_raises_is_named():
+    robot = Robot([])  # out of scripts
+    robot.session.dock("a")
+    assert robot.run().error_msg.startswith("the maker of the approach's controller raised ")
+
+
+@pytest.mark.parametrize("seen", [False, True])
+def test_a_dock_not_seen_is_told_from_a_sensor_that_gives_nothing(seen):
+    lost = [Script(end="failed", failure=Failure.LOST) for _ in range(4)]
+    robot = Robot(lost, seen=True)
+    robot.session.dock("a")
+    while robot.session.feedback.state is not SessionState.CONTROLLING:
+        robot.tick()
+    robot.seen = seen
+    result = robot.run()
+    assert result.error_code is ErrorCode.FAILED_TO_DETECT_DOCK
+    assert ("the sensor has delivered nothing for" in result.error_msg) is not seen

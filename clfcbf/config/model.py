@@ -6,12 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from clfcbf import defaults
 from clfcbf.camera import FieldOfView
 from clfcbf.controller import DockingController
 from clfcbf.errors import ConfigurationError
 from clfcbf.estimation import NoiseModel
-from clfcbf.limits import Limits
+from clfcbf.limits import Limits, check_period
 from clfcbf.runtime.policy import LoopPolicy
 from clfcbf.safety_filter import as_barriers
 from clfcbf.tick import FilterConfig
@@ -19,6 +21,10 @@ from clfcbf.trajectories.following import FollowingGains
 from clfcbf.wheels import WheelLimits
 
 __all__ = ["Config"]
+
+SHORTEST_PERIOD = 1e-3
+"""[s] Twenty times faster than a loop in Python holds; plans are tried tick by tick, and at a
+shorter one that takes minutes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +55,10 @@ class Config:
     def __post_init__(self) -> None:
         if "standoff" not in self.docking:
             raise ConfigurationError(f"docking needs a standoff, got {dict(self.docking)!r}")
+        if self.filter.period < SHORTEST_PERIOD:
+            raise ConfigurationError(
+                f"period must be at least {SHORTEST_PERIOD:g} s, got {self.filter.period!r}"
+            )
 
     @classmethod
     def of(
@@ -66,7 +76,8 @@ class Config:
         ConfigurationError, BackendError : as :class:`~clfcbf.tick.FilterConfig`
         """
         options = {"guard_lag": defaults.GUARD_LAG, **filter}
-        barriers = as_barriers((camera,), limits, options["period"], options["guard_lag"])
+        period = check_period(options["period"])
+        barriers = as_barriers((camera,), limits, period, options["guard_lag"])
         made = FilterConfig(limits, barriers, **options)
         return cls(limits, camera, made, dict(docking), **parts)
 
@@ -83,15 +94,16 @@ class Config:
         ConfigurationError : a part of the controller refuses a value
         """
         base = self.filter
-        return DockingController(
-            self.limits,
-            self.camera,
-            period=base.period,
-            backend=base.backend,
-            weight=base.weight,
-            lag=base.lag,
-            guard_lag=base.guard_lag,
-            gains=self.gains,
-            noise=self.noise,
-            **self.docking,
-        )
+        with np.errstate(all="ignore"):  # what overflows here is refused, or harms nobody
+            return DockingController(
+                self.limits,
+                self.camera,
+                period=base.period,
+                backend=base.backend,
+                weight=base.weight,
+                lag=base.lag,
+                guard_lag=base.guard_lag,
+                gains=self.gains,
+                noise=self.noise,
+                **self.docking,
+            )

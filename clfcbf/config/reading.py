@@ -99,6 +99,7 @@ def _value(key: Key, name: str, value: Any, where: str) -> Any:
     if kind is int:
         if isinstance(value, bool) or not isinstance(value, int):
             raise ConfigurationError(f"{where}{name} must be an integer, got {value!r}")
+        _number(value, f"{where}{name}")  # one that a float can hold, for it is computed with
         return value
     if kind is str:
         if not isinstance(value, str):
@@ -142,18 +143,41 @@ def _built(values: Mapping[str, dict[str, Any] | None]) -> Config:
         "loop": _made("loop", LoopPolicy, values["loop"]),
         "wheels": None if wheels is None else _made("wheels", WheelLimits, wheels),
     }
-    made = {"limits": limits, "camera": camera, "docking": values["docking"] or {}}
-    config: Config = _made("filter", Config.of, {**made, "filter": values["filter"] or {}, **parts})
+    docking = values["docking"] or {}
+    for name, value in docking.items():  # which only the controller itself looks at
+        if not math.isfinite(value):
+            raise ConfigurationError(f"[docking] {name} must be finite, got {value!r}")
+    made = {"limits": limits, "camera": camera, "docking": docking}
+    whole = {**made, "filter": values["filter"] or {}, **parts}
+    config: Config = _made("filter", Config.of, whole, values)
     return config
 
 
-def _made(section: str, kind: Any, values: Mapping[str, Any] | None) -> Any:
+def _made(
+    section: str,
+    kind: Any,
+    values: Mapping[str, Any] | None,
+    concerned: Mapping[str, Mapping[str, Any] | None] | None = None,
+) -> Any:
+    """The part made of ``values``; ``concerned`` are the sections it depends on, itself if None."""
     try:
         return kind(**(values or {}))
     except ClfcbfError as error:
         raise ConfigurationError(f"[{section}] {error}") from error
     except ArithmeticError as error:  # finite, but what is computed of it is not
-        raise ConfigurationError(f"[{section}] holds a number far out of range") from error
+        name, key, value = _farthest(concerned or {section: values})
+        raise ConfigurationError(f"[{name}] {key} is far out of range: {value!r}") from error
+
+
+def _farthest(sections: Mapping[str, Mapping[str, Any] | None]) -> tuple[str, str, float]:
+    """Section and key of the number whose order of magnitude is the farthest from one."""
+    numbers = (
+        (abs(math.log10(abs(value))), name, key, value)
+        for name, table in sections.items()
+        for key, value in (table or {}).items()
+        if isinstance(value, float) and value
+    )
+    return max(numbers)[1:]
 
 
 def _noise(**values: Any) -> NoiseModel:

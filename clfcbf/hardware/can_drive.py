@@ -2,8 +2,9 @@
 
 Command and status travel in process data objects (PDO): the control word in the first receive
 PDO, taken at once; the target velocity in the second, taken at the next SYNC, so that both
-wheels change at the same instant; status word and velocity in the first transmit PDO, sent
-periodically. Everything else is written once by SDO [CiA2011]_.
+wheels change at the same instant, and with it, where that is asked for, the deceleration of the
+next quick stop; status word and velocity in the first transmit PDO, sent periodically. Everything
+else is written once by SDO [CiA2011]_.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ _CONNECTION_LOST = 3  # answered with a quick stop
 _INVALID = 1 << 31  # of a PDO while it is being configured
 _AT_ONCE, _AT_SYNC = 255, 1
 _ONE, _TWO, _FOUR = (struct.Struct(f"<{kind}") for kind in "BHI")
+_TARGET, _RAMP = 0x60FF0020, 0x60850020  # as they are mapped: index, subindex, bits
+_BOOTED = b"\x00"  # a heartbeat that says: just switched on
 
 
 STILL = 0.01
@@ -69,6 +72,7 @@ class CanDrive:
     ----------
     status : last reported, None before the first
     unsupported : optional objects that the drive does not have, in words
+    restarted : whether it was switched off and on since it was configured
     """
 
     def __init__(self, network: Any, name: str, drive: WheelDrive, timing: CanTiming) -> None:
@@ -76,6 +80,8 @@ class CanDrive:
         self.name = name
         self.status: Status | None = None
         self.unsupported: tuple[str, ...] = ()
+        self.restarted = False
+        self._carries = False
         self._drive = drive
         self._timing = timing
         self._network = network
@@ -100,22 +106,31 @@ class CanDrive:
         status = self.status
         return DriveState.UNKNOWN if status is None else status.state
 
+    @property
+    def is_still(self) -> bool:
+        """Whether its wheel did not turn when it last reported."""
+        status = self.status
+        return status is not None and abs(self._drive.rate(status.velocity)) < STILL
+
     def stands(self, since: float) -> bool:
         """Whether it has reported, after ``since`` [s], that it is stopped and stands.
 
         A report from before may be one from before it began to move.
         """
-        status = self.status
         return (
-            status is not None
+            self.is_still
             and self._status_at > since
-            and status.state is not DriveState.OPERATION_ENABLED
-            and abs(self._drive.rate(status.velocity)) < STILL
+            and self.state is not DriveState.OPERATION_ENABLED
         )
 
-    def target(self, units: int) -> None:
-        """Send a target velocity [drive units], which takes effect at the next SYNC."""
-        self._network.send_message(0x300 + self._drive.node, target_frame(units))
+    def target(self, units: int, ramp: int = 1) -> None:
+        """Send a target velocity [drive units], which takes effect at the next SYNC.
+
+        With it goes ``ramp``, the deceleration of a quick stop from there [drive units], if the
+        drive takes it from the frame.
+        """
+        frame = target_frame(units) + (_FOUR.pack(ramp) if self._carries else b"")
+        self._network.send_message(0x300 + self._drive.node, frame)
 
     def control(self, word: int) -> None:
         """Send a control word."""
@@ -132,6 +147,8 @@ class CanDrive:
         """
         if (emergency := self._emergency) is not None:
             return f"{self}: emergency {emergency}"
+        if self.restarted:
+            return f"{self}: was switched off and on, and has lost its configuration"
         silence = self._timing.silence
         if now - self._heartbeat_at > silence:
             return f"{self}: no heartbeat for longer than {silence:g} s"
@@ -144,22 +161,27 @@ class CanDrive:
             return f"{self}: {state.value} instead of operation enabled"
         return ""
 
-    def configure(self, acceleration: float, quick_stop: float | None) -> None:
+    def configure(
+        self, acceleration: float, quick_stop: float | None, carried: bool = False
+    ) -> None:
         """Write everything that is written once; the drive is pre-operational during it.
 
         Parameters
         ----------
         acceleration : of the wheel's ramps [rad/s²], infinite leaves the drive's own
         quick_stop : deceleration of the quick stop [rad/s²], None leaves the drive's own
+        carried : each command frame carries that of a quick stop from its command, if the drive
+            can do that; ``quick_stop`` is for one that cannot, and until the first command
 
         Raises
         ------
         CanDriveError : the drive does not answer, is of another profile, refuses a value, or
             could not notice that this side is gone
         """
+        self.unsupported, self.restarted = (), False
         self._node.nmt.state = "PRE-OPERATIONAL"
         try:
-            self._write_all(acceleration, quick_stop)
+            self._write_all(acceleration, quick_stop, carried)
         except self._failures as error:
             raise CanDriveError(f"{self}: {error}") from error
         self._node.nmt.state = "OPERATIONAL"
@@ -172,6 +194,10 @@ class CanDrive:
         ------
         CanDriveError : it does not get there in time; the message names the state it is in
         """
+        try:  # the target that was in force when it stopped must not be driven to
+            self._write(0x60FF, 0, target_frame(0))
+        except self._failures as error:
+            raise CanDriveError(f"{self}: {error}") from error
         deadline = time.monotonic() + self._timing.startup
         with self._reported:
             self.status = None  # what it reports from now on counts
@@ -189,7 +215,7 @@ class CanDrive:
                     )
                 self._reported.wait(min(left, self._timing.status))
 
-    def _write_all(self, acceleration: float, quick_stop: float | None) -> None:
+    def _write_all(self, acceleration: float, quick_stop: float | None, carried: bool) -> None:
         kind = self._read(0x1000, 0) & 0xFFFF
         if kind != 402:
             raise CanDriveError(f"{self}: device profile {kind}, and 402 is needed")
@@ -207,10 +233,24 @@ class CanDrive:
             write(0x6085, 0, _FOUR.pack(self._drive.ramp(quick_stop)))
         write(0x1017, 0, _TWO.pack(_milliseconds(timing.heartbeat)))
         self._map(0x1400, 0x1600, 0x200 + node, _AT_ONCE, (0x60400010,))
-        self._map(0x1401, 0x1601, 0x300 + node, _AT_SYNC, (0x60FF0020,))
+        self._map_target(carried)
         period = _milliseconds(timing.status)
         self._map(0x1800, 0x1A00, 0x180 + node, _AT_ONCE, (0x60410010, 0x606C0020), period)
         self._watch_master()
+
+    def _map_target(self, carried: bool) -> None:
+        """Target velocity, and if the drive lets it be mapped, the ramp of a quick stop."""
+        node = self._drive.node
+        self._carries = carried
+        try:
+            mapped = (_TARGET, _RAMP) if carried else (_TARGET,)
+            self._map(0x1401, 0x1601, 0x300 + node, _AT_SYNC, mapped)
+        except CanDriveError:
+            if not carried:
+                raise
+            self._carries = False
+            self.unsupported = (*self.unsupported, "quick stop ramp in command frames (0x6085)")
+            self._map(0x1401, 0x1601, 0x300 + node, _AT_SYNC, (_TARGET,))
 
     def _watch_master(self) -> None:
         """Let the drive stop by itself when this side falls silent."""
@@ -275,6 +315,8 @@ class CanDrive:
 
     def _on_heartbeat(self, _: int, frame: bytearray, __: float) -> None:
         self._heartbeat_at = time.monotonic()
+        if bytes(frame) == _BOOTED:
+            self.restarted = True
 
 
 def _milliseconds(duration: float) -> int:

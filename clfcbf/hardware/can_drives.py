@@ -6,6 +6,14 @@ one alone would turn the robot: a fault, an emergency message or a silent drive 
 commands that cease (noticed here after ``timeout``), and a process that is gone (noticed by the
 drives, whose heartbeat consumer and frame deadline are set for it).
 
+A quick stop at one deceleration bends the robot's path: the slower wheel stands first. Given the
+limits of the twist, each command frame also tells its drive how to stop from that command,
+
+.. math:: d_i = |s_i| / t, \qquad t = \max(|v| / a_{max}, |\omega| / \alpha_{max})
+
+with the rim speeds :math:`s_i`: both wheels then stand after the same time :math:`t`, on the same
+circle and within the limits, also when nobody is left to tell them anything.
+
 A fault stays: ``send`` raises with its text until ``release``. Needs the extra ``can``.
 """
 
@@ -21,6 +29,7 @@ from clfcbf.errors import ConfigurationError, GeometryError, MissingExtraError
 from clfcbf.hardware.can_drive import CanDrive, CanDriveError, import_canopen
 from clfcbf.hardware.can_settings import MASTER, CanTiming, WheelDrive
 from clfcbf.hardware.cia402 import Control
+from clfcbf.limits import Limits
 from clfcbf.se2 import Twist, is_finite
 from clfcbf.wheels import WheelLimits
 
@@ -52,6 +61,27 @@ def open_bus(interface: str, channel: str, **options: Any) -> Any:
     return can.Bus(interface=interface, channel=channel, **options)
 
 
+LEAST = 0.1
+"""Share of the deceleration of both wheels alike that a wheel stops with at least: one that is
+told to stand may still be turning a little."""
+
+
+class _Receiving:
+    """Keeps the thread that receives alive when the bus fails, and says how it did."""
+
+    def __init__(self, network: Any) -> None:
+        self._network = network
+        self.error = ""
+
+    def __call__(self, _: Any) -> None:
+        self.error = ""
+
+    def on_error(self, error: Exception) -> None:
+        self.error = str(error) or type(error).__name__
+        self._network.notifier.exception = None  # which sending would raise for ever after
+        time.sleep(WATCH)
+
+
 class CanDrives:
     """The chassis of two drives; making one configures them and leads them into operation.
 
@@ -62,7 +92,8 @@ class CanDrives:
     wheels : geometry and limits; its acceleration, if finite, becomes the drives' own ramps and
         has to leave room for that of the twists
     timing : periods and time-outs
-    quick_stop : deceleration of a quick stop, at the rim [m/s²]; None leaves the drives' own
+    quick_stop : the limits that a quick stop keeps to, along the circle that the robot is on; or
+        one deceleration of both wheels, at the rim [m/s²]; None leaves the drives' own
 
     Attributes
     ----------
@@ -79,6 +110,12 @@ class CanDrives:
     -----
     The command sent is the twist slowed along its own curvature where a wheel cannot follow, and
     rounded to drive units; ``applied`` gives that. Its error is at most half a unit per wheel.
+
+    A drive that cannot take its quick stop's deceleration from command frames says so in its
+    ``unsupported``; both then have the largest that keeps to the limits in any case.
+
+    While the wheels still turn after a stop, a command counts as one to stand, and ``applied`` says
+    so: taken up at once it would brake them as hard as their ramps can.
     """
 
     def __init__(
@@ -89,20 +126,25 @@ class CanDrives:
         wheels: WheelLimits,
         *,
         timing: CanTiming | None = None,
-        quick_stop: float | None = None,
+        quick_stop: float | Limits | None = None,
     ) -> None:
         canopen = import_canopen()
-        _check(left, right, quick_stop)
+        self._limits = quick_stop if isinstance(quick_stop, Limits) else None
+        stop = alike(quick_stop, wheels) if isinstance(quick_stop, Limits) else quick_stop
+        _check(left, right, stop)
         self._timing = timing or CanTiming()
         self._settings = (left, right)
         self._wheels = wheels
         self._lock = threading.RLock()
         self._applied = _REST
-        self._moving = False
+        self._moving = self._stopping = False
+        self._halted_at = -math.inf
         self._fault = "not started"
         self._sent_at = self._enabled_at = self._beat_at = -math.inf
         self._closed = threading.Event()
         self._network = canopen.Network(bus)
+        self._receiving = _Receiving(self._network)
+        self._network.listeners.append(self._receiving)
         self._network.NOTIFIER_CYCLE = LISTEN
         self._network.connect()
         self._watch = threading.Thread(target=self._watching, name="can drives", daemon=True)
@@ -112,9 +154,11 @@ class CanDrives:
                 CanDrive(self._network, "right", right, self._timing),
             )
             rate = 1.0 / wheels.radius
-            stop = None if quick_stop is None else quick_stop * rate
+            least = None if stop is None else stop * rate
+            self._ramps = (1, 1) if least is None else (left.ramp(least), right.ramp(least))
+            self._configuration = (wheels.acceleration * rate, least, self._limits is not None)
             for drive in self.drives:
-                drive.configure(wheels.acceleration * rate, stop)
+                drive.configure(*self._configuration)
             self._watch.start()
             self.release()
         except BaseException:
@@ -141,8 +185,12 @@ class CanDrives:
             raise GeometryError(f"command must be finite, got {twist!r}")
         with self._lock:
             self._refuse()
+            if self._still_turns():
+                self._applied, self._sent_at = _REST, time.monotonic()
+                return
             rates = self._wheels.wheel_rates(self._wheels.scaled(twist))
             left, right = (d.units(rate) for d, rate in zip(self._settings, rates, strict=True))
+            self._prepare_stop(twist, rates)
             now = time.monotonic()
             self._guarded(lambda: self._targets(left, right))
             if not self._moving:  # out of the quick stop, or in operation already
@@ -182,17 +230,30 @@ class CanDrives:
     def release(self) -> None:
         """Reset a fault and lead the drives into operation again, at rest; waits for it.
 
+        A drive that was switched off meanwhile is configured anew.
+
         Raises
         ------
-        CanDriveError : a drive does not get there; the fault stays
+        CanDriveError : a drive does not get there, or the bus does not take frames; the fault
+            stays
         """
         with self._lock:
             self._rest()
             self._fault = self._fault or "being released"  # takes no command meanwhile
-        for drive in self.drives:
-            drive.start()
+            self._receiving.error = ""
+        try:
+            self._halt()
+            self._await_standstill()
+            for drive in self.drives:
+                if drive.restarted:
+                    drive.configure(*self._configuration)
+                drive.start()
+        except CanDriveError:
+            raise
+        except Exception as error:  # of the bus, whose kinds are many
+            raise CanDriveError(f"the bus does not take frames: {error}") from error
         with self._lock:
-            self._fault = ""
+            self._fault, self._stopping = "", False
 
     def close(self) -> None:
         """Stop the drives, switch them off and close the bus; any number of times."""
@@ -218,6 +279,8 @@ class CanDrives:
             raise CanDriveError(self._fault)
 
     def _found(self, now: float) -> str:
+        if self._receiving.error:
+            return f"the bus cannot be read: {self._receiving.error}"
         enabled = self._moving and now - self._enabled_at > self._timing.reaction
         return next((text for d in self.drives if (text := d.fault(now, enabled))), "")
 
@@ -231,6 +294,8 @@ class CanDrives:
             self._fault = f"{fault}; and the bus does not take frames: {error}"
 
     def _rest(self) -> None:
+        if self._moving and (self._applied != _REST or not all(d.is_still for d in self.drives)):
+            self._stopping, self._halted_at = True, time.monotonic()
         self._applied, self._sent_at, self._moving = _REST, -math.inf, False
 
     def _guarded(self, send: Callable[[], None]) -> None:
@@ -242,6 +307,27 @@ class CanDrives:
             self._fault = f"the bus does not take frames: {error}"
             raise CanDriveError(self._fault) from error
 
+    def _prepare_stop(self, twist: Twist, rates: tuple[float, float]) -> None:
+        """The decelerations that stop both wheels at once from ``twist``; at rest the last ones."""
+        if self._limits is None:
+            return
+        v, omega = self._wheels.scaled(twist)
+        time_to_rest = max(abs(v) / self._limits.a_max, abs(omega) / self._limits.alpha_max)
+        if time_to_rest == 0.0:
+            return
+        least = LEAST * alike(self._limits, self._wheels) / self._wheels.radius
+        left, right = (
+            drive.ramp(max(abs(rate) / time_to_rest, least))
+            for drive, rate in zip(self._settings, rates, strict=True)
+        )
+        self._ramps = left, right
+
+    def _still_turns(self) -> bool:
+        """Whether a quick stop is in progress, as far as the drives have told."""
+        if self._stopping and all(drive.stands(self._halted_at) for drive in self.drives):
+            self._stopping = False
+        return self._stopping
+
     def _halt(self) -> None:
         self._control(Control.QUICK_STOP)
         self._targets(0, 0)
@@ -251,8 +337,8 @@ class CanDrives:
             drive.control(word)
 
     def _targets(self, left: int, right: int) -> None:
-        for drive, units in zip(self.drives, (left, right), strict=True):
-            drive.target(units)
+        for drive, units, ramp in zip(self.drives, (left, right), self._ramps, strict=True):
+            drive.target(units, ramp)
         self._network.send_message(_SYNC, b"")
 
     def _beat(self) -> None:
@@ -287,6 +373,15 @@ class CanDrives:
                 return
             self._beat()
             time.sleep(WATCH)
+
+
+def alike(limits: Limits, wheels: WheelLimits) -> float:
+    r"""Largest rim deceleration of both wheels alike that keeps to the limits [m/s²].
+
+    Both wheels at :math:`d` change the speed by :math:`d` at most, and the turn rate, where they
+    turn in opposite directions, by :math:`2d/b`: so :math:`d = \min(a_{max}, \alpha_{max}\,b/2)`.
+    """
+    return min(limits.a_max, 0.5 * wheels.track * limits.alpha_max)
 
 
 def _check(left: WheelDrive, right: WheelDrive, quick_stop: float | None) -> None:

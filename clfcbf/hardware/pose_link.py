@@ -194,6 +194,7 @@ class PoseReceiver:
         clock: Callable[[], float] = time.time,
     ) -> None:
         self._gate = Gate(key, partner, max_age, max_ahead)
+        self._partner = partner
         self._clock = clock
         self._counts = dict.fromkeys(Rejection, 0)
         self._accepted = 0
@@ -210,6 +211,11 @@ class PoseReceiver:
         """Host and port that are listened on."""
         host, port = self._socket.getsockname()[:2]
         return str(host), int(port)
+
+    @property
+    def partner(self) -> int:
+        """Number of the robot whose poses pass."""
+        return self._partner
 
     @property
     def counts(self) -> Mapping[Rejection, int]:

@@ -7,6 +7,7 @@
 812 ticks replayed: every command to the last bit
 """
 
+from clfcbf.errors import LogError
 from clfcbf.recorder.blueprint import (
     Configuration,
     configuration_from_json,
@@ -17,12 +18,13 @@ from clfcbf.recorder.entries import (
     LogEnd,
     LoggedTask,
     LoggedTick,
+    SessionInputs,
     Unrecorded,
 )
-from clfcbf.recorder.errors import LogError
 from clfcbf.recorder.flight import FlightRecorder
 from clfcbf.recorder.log import FlightLog, is_log, read_log
 from clfcbf.recorder.replay import Difference, ReplayReport, replay
+from clfcbf.recorder.session import SessionRecorder
 
 __all__ = [
     "Configuration",
@@ -35,6 +37,8 @@ __all__ = [
     "LoggedTask",
     "LoggedTick",
     "ReplayReport",
+    "SessionInputs",
+    "SessionRecorder",
     "Unrecorded",
     "configuration_from_json",
     "configuration_to_json",

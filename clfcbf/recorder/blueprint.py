@@ -11,7 +11,9 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
+import types
+import typing
+from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import Any
 
@@ -25,11 +27,10 @@ from clfcbf.constraints.obstacles import Frame, ObstacleBarrier
 from clfcbf.constraints.range_band import RangeBarrier
 from clfcbf.controller import TrackingConfig
 from clfcbf.docking import DockingConfig
-from clfcbf.errors import ClfcbfError
+from clfcbf.errors import ClfcbfError, LogError
 from clfcbf.estimation import NoiseModel
 from clfcbf.laws.kanayama import Kanayama
 from clfcbf.limits import Limits
-from clfcbf.recorder.errors import LogError
 from clfcbf.se2 import Pose2
 from clfcbf.tick import FilterConfig
 from clfcbf.trajectories.following import FollowingGains
@@ -48,6 +49,10 @@ _KINDS: dict[str, type[Any]] = {
     )
 }  # fmt: skip
 
+SHORTEST_PERIOD = 1e-3
+"""[s] Twenty times faster than a loop in Python holds; to plan tick by tick takes the longer the
+shorter they are, and a log must not keep its reader busy for ever."""
+
 _KIND, _FOREIGN, _NUMBER = "kind", "foreign", "number"
 
 
@@ -64,13 +69,22 @@ def configuration_from_json(text: str) -> Configuration:
     LogError : the text is not one, or holds a part that is not the library's own
     """
     try:
-        made = _read(json.loads(text))
+        with np.errstate(all="ignore"):  # what overflows here is refused, or harms nobody
+            made = _read(json.loads(text))
+            if isinstance(made, DockingConfig | TrackingConfig | FilterConfig):
+                base = made if isinstance(made, FilterConfig) else made.filter
+                base.limits.brake_horizon(base.period)  # whose quotients must exist
     except LogError:
         raise
     except (ClfcbfError, TypeError, ValueError, ArithmeticError, RecursionError) as error:
         raise LogError(f"the log's configuration is unusable: {error}") from error
     if not isinstance(made, DockingConfig | TrackingConfig | FilterConfig):
         raise LogError(f"the log's configuration is no controller's but a {type(made).__name__}")
+    base = made if isinstance(made, FilterConfig) else made.filter
+    if base.period < SHORTEST_PERIOD:
+        raise LogError(
+            f"the log's period must be at least {SHORTEST_PERIOD:g} s, got {base.period!r}"
+        )
     return made
 
 
@@ -126,4 +140,37 @@ def _made(content: Mapping[str, Any]) -> Any:
         raise LogError(
             f"the log's {name} has a {unknown.pop()!r}; valid: {', '.join(_names(kind))}"
         )
-    return kind(**{key: _read(value) for key, value in content.items() if key != _KIND})
+    values = {key: _read(value) for key, value in content.items() if key != _KIND}
+    hints = typing.get_type_hints(kind)
+    for key, value in values.items():
+        if not _fits(hints[key], value):
+            raise LogError(f"the log's {name} has {value!r} for its {key}")
+    return kind(**values)
+
+
+def _fits(hint: Any, value: Any) -> bool:
+    """Whether a value is of a field's type; types that say nothing of one fit anything."""
+    if hint is float:
+        return isinstance(value, int | float) and not isinstance(value, bool)
+    if hint is int:
+        return isinstance(value, int) and not isinstance(value, bool)
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        return any(_fits(argument, value) for argument in arguments)
+    if origin is tuple:
+        if not isinstance(value, tuple):
+            return False
+        if arguments[-1] is Ellipsis:
+            return all(_fits(arguments[0], item) for item in value)
+        return len(value) == len(arguments) and all(map(_fits, arguments, value))
+    if origin is Callable:
+        return callable(value)
+    if isinstance(hint, type) and origin is None and not _is_vague(hint):
+        return isinstance(value, hint)
+    return True
+
+
+def _is_vague(kind: type[Any]) -> bool:
+    """Whether it is a protocol that cannot be asked."""
+    protocol = getattr(kind, "_is_protocol", False)
+    return bool(protocol) and not getattr(kind, "_is_runtime_protocol", False)

@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 from clfcbf.controller import TrackingInputs
 from clfcbf.decision import Decision
 from clfcbf.docking import DockingInputs
-from clfcbf.errors import ClfcbfError
+from clfcbf.errors import ClfcbfError, LogError
 from clfcbf.explain import decision_from_json, decision_to_json
 from clfcbf.explain.codec import reader, writer
-from clfcbf.recorder.errors import LogError
 from clfcbf.runtime.loop import Tick
 from clfcbf.safety_filter import FilterInputs
+from clfcbf.scene import Observation
 from clfcbf.se2 import Twist
 
 __all__ = [
@@ -32,17 +32,36 @@ __all__ = [
     "LogEnd",
     "LoggedTask",
     "LoggedTick",
+    "SessionInputs",
     "Unrecorded",
     "entry_of",
     "given_by",
+    "in_the_loop",
     "message_of",
 ]
 
-Inputs = DockingInputs | TrackingInputs | FilterInputs
+
+class SessionInputs(NamedTuple):
+    """Inputs of a tick in which a docking session did not pass its controller's command on.
+
+    Attributes
+    ----------
+    observation, applied : as the session was told them
+    foreign : the command is that of a controller which is not recorded, such as of staging;
+        otherwise it is the session's own brake
+    """
+
+    observation: Observation | None
+    applied: Twist
+    foreign: bool = False
+
+
+Inputs = DockingInputs | TrackingInputs | FilterInputs | SessionInputs
 """What a tick was told beside the time."""
 
 _INPUTS: dict[str, Any] = {
     "docking": DockingInputs, "tracking": TrackingInputs, "filter": FilterInputs,
+    "session": SessionInputs,
 }  # fmt: skip
 _KIND_OF = {kind: name for name, kind in _INPUTS.items()}
 
@@ -56,6 +75,7 @@ class InTheLoop(NamedTuple):
     sent: float
     command: Twist
     missed: bool
+    in_force: Twist | None = None
 
 
 class Given(NamedTuple):
@@ -90,10 +110,14 @@ class LoggedTick(NamedTuple):
 
 
 class LoggedTask(NamedTuple):
-    """The docking controller was given a task: to dock, or to undock by a distance [m]."""
+    """The docking controller was given a task: to dock, or to undock by a distance [m].
+
+    ``fresh`` says that another controller took its place, which knows nothing yet.
+    """
 
     number: int
     undock: float
+    fresh: bool = False
 
 
 class Unrecorded(NamedTuple):
@@ -138,17 +162,20 @@ SCHEMA = _object(
 )  # fmt: skip
 """JSON schema of a tick: SI units, radians."""
 
-TASK_SCHEMA = _object(number="integer", undock="number")
+TASK_SCHEMA = _object(number="integer", undock="number", fresh="boolean")
 """JSON schema of a task; 0 m is docking."""
 
 
 def given_by(tick: Tick) -> Given:
     """A tick of the loop around a docking controller as the recorder takes it."""
-    loop = InTheLoop(
-        tick.number, tick.due, tick.begun, tick.sent, Twist(*tick.command), tick.missed
-    )
     inputs = DockingInputs(tick.observation, tick.applied)
-    return Given(inputs, tick.begun, tick.decision, loop)
+    return Given(inputs, tick.begun, tick.decision, in_the_loop(tick))
+
+
+def in_the_loop(tick: Tick) -> InTheLoop:
+    """What the loop made of a tick."""
+    number, due, begun, sent, _, _, _, command, missed, in_force = tick
+    return InTheLoop(number, due, begun, sent, Twist(*command), missed, in_force)
 
 
 def message_of(number: int, given: Given) -> bytes:
@@ -178,7 +205,7 @@ def _content(number: int, given: Given) -> dict[str, Any]:
         "certified": decision.certified, "done": decision.done, "status": decision.status.value,
         "phase": decision.phase.value if decision.phase is not None else "",
         "reason": decision.reason, "missed": loop is not None and loop.missed,
-        "seen": not isinstance(inputs, DockingInputs) or inputs.observation is not None,
+        "seen": getattr(inputs, "observation", inputs) is not None,
     }  # fmt: skip
     content["record"] = {
         "kind": kind,
@@ -201,7 +228,8 @@ def entry_of(topic_is_task: bool, data: bytes) -> LoggedTick | LoggedTask | Unre
         content = json.loads(data)
         number = reader(int)(content["number"], "number")
         if topic_is_task:
-            return LoggedTask(number, reader(float)(content["undock"], "undock"))
+            fresh = reader(bool)(content.get("fresh", False), "fresh")
+            return LoggedTask(number, reader(float)(content["undock"], "undock"), fresh)
         if "record" not in content:
             return Unrecorded(number, reader(str)(content["error"], "error"))
         record = content["record"]

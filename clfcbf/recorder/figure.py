@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clfcbf.decision import Status
-from clfcbf.errors import MissingExtraError
+from clfcbf.errors import LogError, MissingExtraError
 from clfcbf.recorder.entries import LogEnd, LoggedTick
-from clfcbf.recorder.errors import LogError
 from clfcbf.recorder.log import FlightLog
 
 if TYPE_CHECKING:

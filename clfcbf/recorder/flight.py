@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import clfcbf
 from clfcbf.decision import Decision
-from clfcbf.errors import ConfigurationError, MissingExtraError
+from clfcbf.errors import ConfigurationError, LogError, MissingExtraError
 from clfcbf.recorder.blueprint import Configuration
 from clfcbf.recorder.entries import (
     SCHEMA,
@@ -30,7 +30,6 @@ from clfcbf.recorder.entries import (
     given_by,
     message_of,
 )
-from clfcbf.recorder.errors import LogError
 from clfcbf.recorder.header import HEADER, TASK_TOPIC, TICK_TOPIC, TRAILER, header_of, sealed
 from clfcbf.runtime.loop import Tick
 
@@ -58,6 +57,7 @@ JOIN_TIME = 10.0
 
 class _Task(NamedTuple):
     undock: float
+    fresh: bool
 
 
 class FlightRecorder:
@@ -137,9 +137,16 @@ class FlightRecorder:
         """Take a tick with the inputs of its pure function; never waits, never raises."""
         self._put(Given(inputs, now, decision))
 
-    def task(self, undock: float = 0.0) -> None:
-        """Note that the controller's ``dock()`` or ``undock(distance)`` was called, for replay."""
-        self._put(_Task(float(undock)))
+    def given(self, given: Given) -> None:
+        """Take a tick as it is to be written; never waits, never raises."""
+        self._put(given)
+
+    def task(self, undock: float = 0.0, *, fresh: bool = False) -> None:
+        """Note that the controller's ``dock()`` or ``undock(distance)`` was called, for replay.
+
+        ``fresh`` notes that another controller has taken its place.
+        """
+        self._put(_Task(float(undock), fresh))
 
     def _put(self, entry: Tick | Given | _Task) -> None:
         number = self._number
@@ -239,7 +246,7 @@ class _Channels:
     def add(self, number: int, entry: Tick | Given | _Task) -> None:
         if isinstance(entry, _Task):
             channel = self._task
-            data = json.dumps({"number": number, "undock": entry.undock}).encode()
+            data = json.dumps({"number": number, **entry._asdict()}).encode()
         else:
             given = given_by(entry) if isinstance(entry, Tick) else entry
             channel, data = self._tick, message_of(number, given)

@@ -13,10 +13,9 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
-from clfcbf.errors import MissingExtraError
+from clfcbf.errors import LogError, MissingExtraError
 from clfcbf.recorder.blueprint import Configuration, configuration_from_json
 from clfcbf.recorder.entries import Entry, LogEnd, LoggedTask, LoggedTick, Unrecorded, entry_of
-from clfcbf.recorder.errors import LogError
 from clfcbf.recorder.header import FORMAT, HEADER, TASK_TOPIC, TICK_TOPIC, TRAILER, is_sealed
 
 if TYPE_CHECKING:

@@ -16,10 +16,17 @@ from typing import Any
 from clfcbf.controller import DockingController, TrackingConfig, TrackingController, TrackingInputs
 from clfcbf.decision import Decision
 from clfcbf.docking import DockingConfig, DockingInputs, DockingState
+from clfcbf.errors import LogError
 from clfcbf.explain import decision_to_json
 from clfcbf.recorder.blueprint import Configuration
-from clfcbf.recorder.entries import Inputs, LogEnd, LoggedTask, LoggedTick, Unrecorded
-from clfcbf.recorder.errors import LogError
+from clfcbf.recorder.entries import (
+    Inputs,
+    LogEnd,
+    LoggedTask,
+    LoggedTick,
+    SessionInputs,
+    Unrecorded,
+)
 from clfcbf.recorder.header import platform_versions
 from clfcbf.recorder.log import FlightLog
 from clfcbf.runtime.braking import Braking
@@ -148,30 +155,38 @@ def replay(log: FlightLog, configuration: Configuration | None = None) -> Replay
 
 
 class _Again:
-    """The controller of a log, as it was when it was made, and the loop's brake beside it."""
+    """The controller of a log, as it was when it was made; beside it the brakes of the loop and of
+    a docking session, which both take a controller's place where they have to.
+    """
 
     def __init__(self, configuration: Configuration) -> None:
         base = configuration if isinstance(configuration, FilterConfig) else configuration.filter
         self._base = base
         self._braking = Braking(base.limits, base.period)
+        self._session = Braking(base.limits, base.period)
         self._kind, self._step, self._docking = _controller(configuration)
 
     def task(self, task: LoggedTask) -> None:
         if self._docking is None:
             raise LogError(f"entry {task.number} is a task, which only a docking controller takes")
+        if task.fresh:
+            self._docking.state = DockingState()
         if task.undock == 0.0:
-            self._docking.dock()
+            if not task.fresh:
+                self._docking.dock()
         else:
             self._docking.undock(task.undock)
 
     def difference(self, tick: int, entry: LoggedTick) -> Difference | None:
         """What comes out differently in a tick, which is taken here."""
-        if type(entry.inputs) is not self._kind:
+        braked = isinstance(entry.inputs, SessionInputs) and self._docking is not None
+        if type(entry.inputs) is not self._kind and not braked:
             raise LogError(
                 f"entry {entry.number} holds {type(entry.inputs).__name__}, "
                 f"but the configuration's controller takes {self._kind.__name__}"
             )
-        decision = self._step(entry.inputs, entry.now)
+        decision = self._braked(entry) if braked else self._step(entry.inputs, entry.now)
+        self._session.accepted(decision.twist)
         command = self._command(entry, decision)
         fields = _different(entry.decision, decision)
         if _bits(entry.command) != _bits(command):
@@ -179,6 +194,15 @@ class _Again:
         if not fields:
             return None
         return Difference(tick, entry.now, entry.command, command, fields)
+
+    def _braked(self, entry: LoggedTick) -> Decision:
+        """The decision with the session's own brake; one that is foreign is taken as it is."""
+        inputs = entry.inputs
+        assert isinstance(inputs, SessionInputs)
+        if inputs.foreign:
+            return entry.decision
+        twist = self._session.command(self._session.known(inputs.applied))
+        return entry.decision._replace(twist=twist)
 
     def _command(self, entry: LoggedTick, decision: Decision) -> Twist:
         """What the loop sends: the decision's command, or its brake's if that came too late.
@@ -192,7 +216,8 @@ class _Again:
             self._braking = Braking(self._base.limits, self._base.period)
         command = decision.twist
         if _bits(loop.command) != _bits(entry.decision.twist):
-            command = self._braking.command(self._braking.known(entry.inputs.applied))
+            known = self._braking.known(entry.inputs.applied)
+            command = self._braking.command(known if loop.in_force is None else loop.in_force)
         self._braking.accepted(command)
         return command
 

@@ -2,6 +2,7 @@
 
 from clfcbf.runtime.command_filter import CommandFilter
 from clfcbf.runtime.loop import ControlLoop, LoopController, Tick
+from clfcbf.runtime.parts import Part, PartFailure
 from clfcbf.runtime.policy import Ending, LoopPolicy, LoopReport, Overrun
 from clfcbf.runtime.simulated import PlantInTheLoop
 from clfcbf.runtime.statistics import LoopStatistics, Percentiles
@@ -15,6 +16,8 @@ __all__ = [
     "LoopReport",
     "LoopStatistics",
     "Overrun",
+    "Part",
+    "PartFailure",
     "Percentiles",
     "PlantInTheLoop",
     "Tick",

@@ -7,7 +7,9 @@ missed are not made up for. Each command is decided in its own tick, never sent 
 
 Whatever ends a run (the controller, a signal, an exception anywhere, too many misses), the same
 follows: the brake from the command in force, tick by tick inside the acceleration limits, to
-zero, then ``stop``. An exception is raised again once that is done.
+zero, then ``stop``. An exception is raised again once that is done, and the report names the part
+it came from. It also names the parts whose failures the run survived, such as a solver whose
+answers were replaced.
 """
 
 from __future__ import annotations
@@ -17,13 +19,14 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
-from clfcbf.decision import Decision, Phase
+from clfcbf.decision import Decision, Phase, Status
 from clfcbf.errors import ConfigurationError, LimitsError
 from clfcbf.hardware.clocks import MonotonicClock
 from clfcbf.hardware.protocols import Chassis, Clock, TargetSensor
 from clfcbf.limits import Limits, check_period
 from clfcbf.runtime.braking import Braking
 from clfcbf.runtime.ending import come_to_rest
+from clfcbf.runtime.parts import Part, Tally
 from clfcbf.runtime.policy import Ending, LoopPolicy, LoopReport, Overrun
 from clfcbf.runtime.signals import caught
 from clfcbf.runtime.statistics import LoopStatistics, Recorder
@@ -36,6 +39,16 @@ _REST = Twist(0.0, 0.0)
 
 TOLERANCE = 1e-9
 """[m/s, rad/s] By which a command may leave its input box: the rounding of the contract."""
+
+STANDING = 1e-3
+"""[m/s, rad/s] Command up to which a base that reports zero has merely rounded it."""
+
+_FAULTS = {
+    Status.INTERNAL_ERROR: (Part.CONTROLLER, "raised inside"),
+    Status.SOLVER_FAILED: (Part.SOLVER, "gave no answer"),
+    Status.CLOCK_ERROR: (Part.CLOCK, "did not advance"),
+}
+"""What a decision's status says of a part."""
 
 
 class LoopController(Protocol):
@@ -57,6 +70,8 @@ class Tick(NamedTuple):
     decision : of the controller
     command : what was sent; not the decision's where that came too late
     missed : whether the deadline was
+    in_force : the command in force when this one was sent, where the base has changed it since
+        ``applied`` was asked; the command is then the brake's. None where it has not
     """
 
     number: int
@@ -68,6 +83,17 @@ class Tick(NamedTuple):
     decision: Decision
     command: Twist
     missed: bool
+    in_force: Twist | None = None
+
+
+class _Times(NamedTuple):
+    """When a tick was due, when it began, and when each part in turn had answered [s]."""
+
+    due: float
+    begun: float
+    observed: float
+    asked: float
+    decided: float
 
 
 class ControlLoop:
@@ -126,6 +152,10 @@ class ControlLoop:
         self._decision: Decision | None = None
         self._sent_at = -math.inf
         self._latest = -math.inf
+        self._tally = Tally()
+        self._at = Part.CLOCK
+        self._now = self._heard = math.nan
+        self._crowded: tuple[Part, float] | None = None
 
     @property
     def statistics(self) -> LoopStatistics:
@@ -159,12 +189,17 @@ class ControlLoop:
                 ending = self._ticks(duration)
             except BaseException as failure:  # the robot may be moving, whatever it is
                 ending, error = Ending.ERROR, failure
+                self._raised(self._at, failure)
+            part = self._at if ending is Ending.OVERRUN or isinstance(error, Exception) else None
             rest = come_to_rest(
                 self._braking, self._chassis, self._clock, self._period, self._sent_at
             )
+        for failed in (rest.brake_error, rest.stop_error):
+            if failed is not None and failed is not error:
+                self._raised(Part.CHASSIS, failed)
         self.report = LoopReport(
             ending, self._decision, self.statistics, rest.braked, self._signal,
-            error, rest.brake_error, rest.stop_error,
+            error, rest.brake_error, rest.stop_error, part, self._tally.failures(),
         )  # fmt: skip
         self._signal, self._asked = 0, False
         for raised in (error, rest.stop_error, rest.brake_error):
@@ -183,47 +218,69 @@ class ControlLoop:
 
     def _ticks(self, duration: float) -> Ending:
         clock, period, policy, record = self._clock, self._period, self._policy, self._record
-        due = clock.now()
+        due = self._heard = clock.now()
         end = due + duration
         misses = 0
         while True:
-            begun = clock.now()
+            self._at = Part.CLOCK
+            begun = self._now = clock.now()
             if (asked := self._ending()) is not None:
                 return asked
             if begun >= end:
                 return Ending.TIMEOUT
+            self._at = Part.SENSOR
             observation = self._fresh(self._sensor.observe(), begun)
+            observed = clock.now()
+            self._at = Part.CHASSIS
             applied = self._chassis.applied()
+            asked_at = clock.now()
+            self._at = Part.CONTROLLER
             since = time.perf_counter()
             decision = self._controller.step(observation, applied, begun)
             solve = time.perf_counter() - since
             self._decision = decision
             decided = clock.now()
+            times = _Times(due, begun, observed, asked_at, decided)
             missed = decided > due + period
             misses = misses + 1 if missed else 0
             record.missed += missed
             record.skipped += max(0, math.floor((decided - due) / period))
             if (asked := self._ending()) is not None:
                 return asked
+            self._noted(decision, observation, applied, times)
             if misses >= (1 if policy.overrun is Overrun.STOP else policy.misses):
+                self._at = self._culprit(times)[0]
                 return Ending.OVERRUN
             outdated = decided > begun + period  # one that only began late is as good as any
-            command = self._checked(decision, applied, outdated)
+            self._at = Part.CHASSIS
+            in_force = self._changed(applied)
+            self._at = Part.CONTROLLER
+            command = self._checked(decision, applied, in_force, outdated)
+            self._at = Part.CHASSIS
             self._chassis.send(command)
+            self._at = Part.CLOCK
             before, self._sent_at = self._sent_at, clock.now()
             self._braking.accepted(command)
             latency = self._sent_at - observation.stamp if observation is not None else math.nan
             record.add(self._sent_at - before, begun - due, latency, solve)
             if self._on_tick is not None:
+                self._at = Part.OBSERVER
                 self._on_tick(Tick(
                     record.ticks - 1, due, begun, self._sent_at, observation, applied, decision,
-                    command, missed,
+                    command, missed, in_force,
                 ))  # fmt: skip
+                self._at = Part.CLOCK
             if decision.done:
                 return Ending.DONE
             if decision.phase is Phase.FAILED and command == _REST:
                 return Ending.FAILED
             due = (self._sent_at if missed else due) + period
+            told = clock.now()
+            self._crowded = None
+            if told > due:
+                slow = self._sent_at - decided > told - self._sent_at
+                part = Part.CHASSIS if slow else Part.OBSERVER
+                self._crowded = part, max(self._sent_at - decided, told - self._sent_at)
             clock.sleep_until(due)
 
     def _fresh(self, observation: Observation | None, now: float) -> Observation | None:
@@ -242,10 +299,24 @@ class ControlLoop:
             self._record.stale += 1
             return None
         self._record.fresh += 1
+        self._heard = now
         return observation
 
-    def _checked(self, decision: Decision, applied: Twist, outdated: bool) -> Twist:
+    def _changed(self, applied: Twist) -> Twist | None:
+        """The command in force now, where that is no longer what the controller was told.
+
+        A base whose time-out ran off during a late tick has stopped by itself.
+        """
+        known = self._braking.known
+        in_force = known(self._chassis.applied())
+        return None if in_force == known(applied) else in_force
+
+    def _checked(
+        self, decision: Decision, applied: Twist, changed: Twist | None, outdated: bool
+    ) -> Twist:
         """The command to send: the decision's, or the brake's where that is outdated."""
+        if changed is not None:
+            return self._braking.command(changed)
         in_force = self._braking.known(applied)
         if outdated and self._policy.overrun is Overrun.BRAKE:
             return self._braking.command(in_force)
@@ -256,3 +327,49 @@ class ControlLoop:
                 f"can reach from {applied!r}"
             )
         return decision.twist
+
+    # What failed ---------------------------------------------------------------------------
+
+    def _raised(self, part: Part, error: BaseException) -> None:
+        if isinstance(error, Exception):
+            self._tally.note(part, "raised", f"{type(error).__name__}: {error}", self._now)
+
+    def _noted(
+        self, decision: Decision, observation: Observation | None, applied: Twist, times: _Times
+    ) -> None:
+        """Note what this tick tells of the parts, though it goes on."""
+        now, note = times.begun, self._tally.note
+        silence = now - self._heard
+        if silence > self._policy.max_age:
+            note(Part.SENSOR, "silent", f"no new measurement for {silence:.1f} s", now)
+        known = self._braking.known(applied)
+        if known != applied:
+            note(Part.CHASSIS, "unusable", f"command in force given as {applied!r}", now)
+        sent = self._braking.sent
+        if known == _REST and max(abs(sent[0]), abs(sent[1])) > STANDING:
+            note(Part.CHASSIS, "stopped by itself", f"after the command {sent!r}", now)
+        answer, status = decision.answer, decision.status
+        if answer is not None and answer.health is not None and not answer.health.used:
+            health = answer.health
+            how = "gave a wrong answer" if health.refused else "gave no answer"
+            note(Part.SOLVER, how, f"{health.backend!r}: {health.note or health.status}", now)
+        if status in _FAULTS:
+            note(*_FAULTS[status], decision.reason or status.value, now)
+        elif status is Status.INVALID_INPUT and known == applied:
+            note(Part.SENSOR, "unusable", "a measurement or its stamp is not sound", now)
+        if times.decided > times.due + self._period:
+            part, duration = self._culprit(times)
+            late = f"took {duration:.3f} s of a period of {self._period:.3f} s"
+            if part is Part.CONTROLLER and answer is not None and answer.health is not None:
+                late += f", with the solver {answer.health.backend!r} in it"
+            note(part, "late", late, now)
+
+    def _culprit(self, times: _Times) -> tuple[Part, float]:
+        """Who took most of a tick that missed its deadline, and how long [s]."""
+        due, begun, observed, asked, decided = times
+        before = self._crowded or (Part.MACHINE, begun - due)
+        spent = [
+            before, (Part.SENSOR, observed - begun), (Part.CHASSIS, asked - observed),
+            (Part.CONTROLLER, decided - asked),
+        ]  # fmt: skip
+        return max(spent, key=lambda entry: entry[1])

@@ -9,6 +9,7 @@ from enum import Enum
 from clfcbf import defaults
 from clfcbf.decision import Decision
 from clfcbf.errors import ConfigurationError
+from clfcbf.runtime.parts import Part, PartFailure
 from clfcbf.runtime.statistics import LoopStatistics
 
 __all__ = ["Ending", "LoopPolicy", "LoopReport", "Overrun"]
@@ -19,6 +20,9 @@ certified was true, and by which no garbage collection or other process goes on.
 
 WINDOW = 36_000
 """Ticks that the statistics remember: 20 minutes at 30 Hz, 1.2 MB."""
+
+LARGEST_WINDOW = 10_000_000
+"""Four days at 30 Hz, 320 MB: more is another number in the wrong place."""
 
 
 class Overrun(Enum):
@@ -60,7 +64,7 @@ class LoopPolicy:
     overrun : what goes out in place of a decision that comes after its deadline
     misses : deadlines missed in a row that end the run, at least 1
     max_age : age of a measurement above which it is not passed on [s]
-    window : ticks that the statistics remember, at least 1
+    window : ticks that the statistics remember, at least 1 and at most ten million
 
     Raises
     ------
@@ -80,6 +84,8 @@ class LoopPolicy:
             value = getattr(self, name)
             if not (isinstance(value, int) and value >= 1):
                 raise ConfigurationError(f"{name} must be an integer >= 1, got {value!r}")
+        if self.window > LARGEST_WINDOW:
+            raise ConfigurationError(f"window must be at most {LARGEST_WINDOW}, got {self.window}")
         if not (math.isfinite(self.max_age) and self.max_age > 0.0):
             raise ConfigurationError(
                 f"max_age must be finite and positive [s], got {self.max_age!r}"
@@ -100,6 +106,8 @@ class LoopReport:
     error : what was raised, None where nothing was
     brake_error : what cut the brake short, so that ``stop`` came at speed
     stop_error : what the chassis's ``stop`` raised at the end; then it may still be moving
+    part : whose exception ended the run, or whose slowness; None where neither did
+    failures : all failures of parts, in order, also those that the run survived
     """
 
     ending: Ending
@@ -110,3 +118,5 @@ class LoopReport:
     error: BaseException | None = None
     brake_error: BaseException | None = None
     stop_error: BaseException | None = None
+    part: Part | None = None
+    failures: tuple[PartFailure, ...] = ()

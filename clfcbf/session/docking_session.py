@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from clfcbf import defaults
 from clfcbf.decision import Decision, Failure, Phase, Status
 from clfcbf.errors import ConfigurationError
 from clfcbf.limits import Limits, check_period
@@ -37,6 +38,7 @@ _REST = Twist(0.0, 0.0)
 
 
 _UNSEEN = (Failure.LOST, Failure.AMBIGUOUS)
+_CONTACT = "the dock's contact"
 
 
 class DockingSession:
@@ -87,6 +89,8 @@ class DockingSession:
         self._approach: LoopController | None = None
         self._controller: LoopController | None = None
         self._looks = 0
+        self._heard = math.nan
+        self._asked = ""
 
     @property
     def result(self) -> SessionResult | None:
@@ -150,10 +154,13 @@ class DockingSession:
     def step(self, observation: Observation | None, applied: Twist, now: float) -> Decision:
         """The command of this tick; whatever a part raises ends the task, and is told."""
         applied = self._braking.known(applied)
+        if observation is not None or math.isnan(self._heard):
+            self._heard = now
         try:
             decision = self._stepped(observation, applied, now)
         except Exception as error:  # of a controller or the contact: a command must go out
-            self._progress.end(ErrorCode.UNKNOWN, f"{type(error).__name__}: {error}")
+            part = f"{self._asked} raised " if self._asked else ""
+            self._progress.end(ErrorCode.UNKNOWN, f"{part}{type(error).__name__}: {error}")
             decision = self._brake(applied)
         self._braking.accepted(decision.twist)
         return decision
@@ -173,6 +180,7 @@ class DockingSession:
     # Ticks ---------------------------------------------------------------------------------
 
     def _stepped(self, observation: Observation | None, applied: Twist, now: float) -> Decision:
+        self._asked = ""
         self._progress.tick(now, self._canceled)
         while (stage := self._progress.following) is not None:
             if not at_rest(applied):
@@ -189,8 +197,10 @@ class DockingSession:
         elif stage is Stage.PERCEIVING:
             self._looks = 0
         elif stage is Stage.APPROACHING:
+            self._asked = "the maker of the approach's controller"
             self._controller = self._approach = self._controllers.approach(self._task_dock())
         elif stage in (Stage.RETREATING, Stage.UNDOCKING):
+            self._asked = _CONTACT
             self._contact.release()
 
     def _begin_staging(self, dock: Dock) -> None:
@@ -203,11 +213,13 @@ class DockingSession:
                 f"{off:.2f} off the staging pose, and nothing that drives there",
             )
         else:
+            self._asked = "the maker of the staging controller"
             self._controller = self._controllers.stage(dock)
 
     def _off_staging(self, dock: Dock) -> float:
         """Norm of the difference to the staging pose; where nobody knows or stages, none."""
         if self._robot_pose is not None:
+            self._asked = "robot_pose"
             return math.hypot(*dock.staging_pose.relative(self._robot_pose()))
         return math.inf if self._controllers.stage is not None else 0.0
 
@@ -250,12 +262,14 @@ class DockingSession:
             self._progress.following = Stage.APPROACHING
         elif self._progress.waited(limit):
             self._progress.failed(
-                ErrorCode.FAILED_TO_DETECT_DOCK, f"dock not seen within {limit:g} s"
+                ErrorCode.FAILED_TO_DETECT_DOCK,
+                f"dock not seen within {limit:g} s{self._silence(now)}",
             )
         return self._brake(applied)
 
     def _come_near(self, observation: Observation | None, applied: Twist, now: float) -> Decision:
         limit = self._policy.approach_timeout
+        self._asked = _CONTACT
         if self._contact.docked():
             self._progress.following = Stage.CONFIRMING
             return self._brake(applied)
@@ -273,11 +287,13 @@ class DockingSession:
         elif decision.phase is Phase.FAILED:
             unseen = decision.failure in _UNSEEN
             code = ErrorCode.FAILED_TO_DETECT_DOCK if unseen else ErrorCode.FAILED_TO_CONTROL
-            self._progress.failed(code, decision.reason or "the approach failed")
+            told = decision.reason or "the approach failed"
+            self._progress.failed(code, told + (self._silence(now) if unseen else ""))
         return _underway(decision)
 
     def _confirm(self, _: Observation | None, applied: Twist, now: float) -> Decision:
         limit = self._policy.wait_charge_timeout
+        self._asked = _CONTACT
         if not self._task_dock().type.confirm or self._contact.confirmed():
             self._progress.end(ErrorCode.NONE)
         elif self._progress.waited(limit):
@@ -294,8 +310,10 @@ class DockingSession:
             )
             return self._brake(applied)
         if self._controller is None:
+            self._asked = _CONTACT
             if not self._contact.released():
                 return self._brake(applied)
+            self._asked = "the maker of the controller for the way out"
             distance = dock.undocking_distance if undocking else dock.type.backoff
             approach = self._approach or self._controllers.approach(dock)
             self._controller = self._controllers.retreat(approach, dock, distance)
@@ -317,9 +335,17 @@ class DockingSession:
     def _drive(self, observation: Observation | None, applied: Twist, now: float) -> Decision:
         if self._controller is None:
             raise ConfigurationError(f"no controller for {self._progress.stage.value[0]}")
+        self._asked = f"the controller ({self._progress.stage.value[0]})"
         decision = self._controller.step(observation, applied, now)
         self._certified = decision.certified
         return decision
+
+    def _silence(self, now: float) -> str:
+        """That the sensor has given nothing at all, where it has not."""
+        silence = now - self._heard
+        if not silence > defaults.BLIND_TIME:
+            return ""
+        return f"; the sensor has delivered nothing for {silence:.1f} s"
 
     def _brake(self, applied: Twist) -> Decision:
         """The brake's next command, which is certified as the controller's last one was."""

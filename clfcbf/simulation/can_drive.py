@@ -33,6 +33,7 @@ COASTING = 0.1
 _LOST = 0x8130  # heartbeat of the master
 _CEASED = 0x8250  # command frames
 _TOO_SHORT = 0x8210
+_UNMAPPABLE = 0x06040041  # of an SDO
 _ALWAYS = 1 << 31  # a PDO that is switched off
 _QUICK_STOP_REACTION = 3
 _STAYS = range(5, 9)  # quick stop options that stay in QUICK STOP ACTIVE
@@ -80,6 +81,7 @@ class SimulatedDrive:
     ----------
     state : of the state machine
     mute, deaf : whether its status frames, and whether the command frames to it, are lost
+    unmappable : indices of objects that it lets no frame carry
     """
 
     def __init__(
@@ -88,6 +90,7 @@ class SimulatedDrive:
         canopen = import_canopen()
         self.state = DriveState.DISABLED
         self.mute = self.deaf = False
+        self.unmappable: set[int] = set()
         self._node_id = node
         self._now = now
         self._aborted = canopen.SdoAbortedError
@@ -99,6 +102,7 @@ class SimulatedDrive:
         self._last_command = self._last_beat = math.nan
         self._last_status = -math.inf
         self._persistent = False
+        self._local.add_write_callback(self._check_mapping)
         network.add_node(self._local)
         self._local.nmt.state = "INITIALISING"
         self._local.nmt.state = "PRE-OPERATIONAL"
@@ -120,6 +124,17 @@ class SimulatedDrive:
         if self.state is not DriveState.FAULT:
             self.state = DriveState.FAULT_REACTION
         self.emergency(code, register)
+
+    def restart(self) -> None:
+        """Switch it off and on: it coasts, and knows nothing of its configuration any more."""
+        self._settle()
+        self.state, self._target, self._word = DriveState.DISABLED, 0, 0
+        self._pending.clear()
+        self._last_command = self._last_beat = math.nan
+        self._local.nmt.stop_heartbeat()
+        self._local.data_store.clear()
+        self._local.nmt.state = "INITIALISING"
+        self._local.nmt.state = "PRE-OPERATIONAL"
 
     def repair(self) -> None:
         """Remove the cause of a persistent fault."""
@@ -202,6 +217,9 @@ class SimulatedDrive:
             elif entry >> 16 == 0x60FF:
                 self._settle()
                 self._target = struct.unpack("<i", frame[:size])[0]
+            elif entry >> 16 == 0x6085 and 0x6085 in self._local.object_dictionary:
+                self._settle()
+                self._local.set_data(0x6085, 0, frame[:size])
             frame = frame[size:]
 
     def _control(self, word: int) -> None:
@@ -234,6 +252,12 @@ class SimulatedDrive:
         if state is _S.READY or not enabled:
             return _S.SWITCHED_ON
         return _S.OPERATION_ENABLED
+
+    def _check_mapping(self, index: int, subindex: int, data: bytes, **_: Any) -> None:
+        """Refuse an object that no frame carries, as a drive does when it is mapped."""
+        mapping = index in (0x1600, 0x1601, 0x1A00) and subindex > 0
+        if mapping and int.from_bytes(data, "little") >> 16 in self.unmappable:
+            raise self._aborted(_UNMAPPABLE)
 
     def _connection_lost(self, code: int) -> None:
         self.emergency(code, 0x11)

@@ -35,7 +35,7 @@ class SimulatedDrives:
 
     Parameters
     ----------
-    channel : of the virtual bus
+    channel : of the virtual bus, or a python-can bus to be on in its place
     left, right : node numbers
     now : time [s] that the drives' ramps run on, such as a plant's
     objects : of both drives that differ, see :class:`~clfcbf.simulation.can_drive.SimulatedDrive`
@@ -51,13 +51,13 @@ class SimulatedDrives:
 
     def __init__(
         self,
-        channel: str,
+        channel: str | Any,
         left: int = 1,
         right: int = 2,
         now: Callable[[], float] = time.monotonic,
         objects: Objects | None = None,
     ) -> None:
-        self._bus = open_bus("virtual", channel)
+        self._bus = open_bus("virtual", channel) if isinstance(channel, str) else channel
         self._network: Any = import_canopen().Network(self._bus)
         self._lock = threading.RLock()
         self._closed = threading.Event()
@@ -157,6 +157,11 @@ class CanPlant:
             self._plant.send(self.applied())
             poses += self._plant.advance(step)
         return poses
+
+    def contact(self) -> bool:
+        """Whether the body has touched anything since the start, if it can tell."""
+        touched = getattr(self._plant, "contact", None)
+        return touched is not None and bool(touched())
 
     def move_target(self, shift: Pose2) -> None:
         """Move the target by ``shift``, given in the goal's frame."""

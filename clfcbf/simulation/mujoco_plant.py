@@ -127,7 +127,7 @@ class MujocoPlant:
         is exact for every duration. Raises ``ClfcbfError`` if the physics diverges.
         """
         count, step = sub_steps(duration, self._rate)
-        physics = math.ceil(step / STEP - 1e-9)
+        physics = max(1, math.ceil(step / STEP - 1e-9))
         self._model.opt.timestep = step / physics
         poses = []
         for _ in range(count):

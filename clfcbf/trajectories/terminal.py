@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clfcbf.camera import FieldOfView
+from clfcbf.errors import ConfigurationError
 from clfcbf.limits import Limits
 
 __all__ = ["TerminalCurves", "terminal_curves"]
@@ -29,6 +30,9 @@ Array = NDArray[np.float64]
 
 _STEP = 0.025
 """Time between samples [s]: 5 mm at 0.2 m/s."""
+
+_LONGEST = 600.0
+"""[s] Of a curve: at 5 mm/s over the longest reach; a table of more is one of wrong limits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +77,17 @@ def terminal_curves(
     offsets : times from the end of the turn to the stop, shape (curves,) [s]; negative where
         the turn ends on the spot, after the stop
     reach : length to tabulate [m]
+
+    Raises
+    ------
+    ConfigurationError : so long a curve takes minutes, at such a ``v_max`` and ``a_max``
     """
+    longest = reach / limits.v_max + limits.v_max / limits.a_max
+    if not longest <= _LONGEST:
+        raise ConfigurationError(
+            f"v_max and a_max must let {reach:g} m and a stop be driven in {_LONGEST:g} s, got "
+            f"v_max={limits.v_max!r} and a_max={limits.a_max!r}"
+        )
     cx, cy, yaw = camera.camera
     half_angle = camera.half_angle
     ramp = limits.omega_max / limits.alpha_max

@@ -5,15 +5,19 @@ from __future__ import annotations
 import importlib.util
 import itertools
 import math
+import subprocess
 import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 pytest.importorskip("canopen", reason="needs the extra can")
 
+from benchmarks.robot.wire import open_wire
 from clfcbf import Limits, Pose2, Twist
 from clfcbf.errors import ConfigurationError, GeometryError, MissingExtraError
 from clfcbf.hardware.can_drives import CanDriveError, CanDrives, CanTiming, WheelDrive, open_bus
@@ -158,8 +162,12 @@ def test_ceased_commands_stop_both_wheels_and_the_next_is_taken(make):
     assert until(lambda: drives.velocities() == (0.0, 0.0))
     assert chassis.applied() == REST
     assert chassis.fault == ""
-    chassis.send(Twist(0.1, 0.0))
-    assert until(lambda: drives.left.velocity() > 0.0 > drives.right.velocity())
+
+    def goes_on():  # as soon as the drives have told that they stand
+        chassis.send(Twist(0.1, 0.0))
+        return drives.left.velocity() > 0.0 > drives.right.velocity()
+
+    assert until(goes_on)
 
 
 def test_drives_stop_by_themselves_when_this_side_is_gone(make):
@@ -405,3 +413,229 @@ def test_example_docks():
     assert report.ending is Ending.DONE
     assert math.hypot(pose.x, pose.y) < 0.010
     assert abs(pose.theta) < math.radians(2.0)
+
+
+# Stops along the circle ---------------------------------------------------------------------
+
+DOCKING = Limits(v_max=0.35, omega_max=0.4, a_max=0.3, alpha_max=1.0)
+twists = st.tuples(st.floats(-0.35, 0.35), st.floats(-0.4, 0.4)).filter(
+    lambda twist: abs(twist[0]) > 0.01 or abs(twist[1]) > 0.02
+)
+
+
+@pytest.fixture(scope="module")
+def circling():
+    """A chassis whose drives take the ramp of a quick stop from each command, and their time."""
+    clock, channel = [0.0], next(CHANNELS)
+    drives = SimulatedDrives(channel, now=lambda: clock[0])
+    chassis = CanDrives(
+        open_bus("virtual", channel), LEFT, RIGHT, WHEELS, timing=SLOW, quick_stop=DOCKING
+    )
+    yield chassis, drives, clock
+    chassis.close()
+    drives.close()
+
+
+def measured_twist(drives):
+    left, right = drives.velocities()
+    return WHEELS.twist_of(LEFT.rate(left), RIGHT.rate(right))
+
+
+@settings(max_examples=25, deadline=None)
+@given(twist=twists)
+def test_a_quick_stop_keeps_the_circle_and_the_limits(circling, twist):
+    """Against the brake that the guard certifies, u (1 - t / t_rest), instant by instant."""
+    chassis, drives, clock = circling
+    chassis.release()
+    chassis.send(Twist(*twist))
+    drives.serve()
+    clock[0] += 1.0
+    assert tuple(measured_twist(drives)) == pytest.approx(twist, abs=1e-4)
+    chassis.stop()
+    drives.serve()
+    rest = max(abs(twist[0]) / DOCKING.a_max, abs(twist[1]) / DOCKING.alpha_max)
+    for share in (0.25, 0.5, 0.75, 1.0):
+        clock[0] += 0.25 * rest
+        left = 1.0 - share
+        expected = (left * twist[0], left * twist[1])
+        # A wheel that hardly turns stops sooner than the other: by a tenth of 0.2 m/s² for so long.
+        assert tuple(measured_twist(drives)) == pytest.approx(expected, abs=2e-3 + 0.02 * rest)
+    clock[0] += 0.5
+    assert drives.velocities() == (0.0, 0.0)
+
+
+def test_the_quick_stop_is_exact_where_both_wheels_turn(circling):
+    chassis, drives, clock = circling
+    chassis.release()
+    chassis.send(Twist(0.2, 0.4))
+    drives.serve()
+    clock[0] += 1.0
+    drives.serve()
+    chassis.stop()
+    drives.serve()
+    clock[0] += 0.25
+    v, omega = measured_twist(drives)
+    assert v == pytest.approx(0.2 - 0.3 * 0.25, abs=1e-5)
+    assert omega / v == pytest.approx(2.0, abs=1e-4)
+
+
+def test_one_deceleration_for_both_wheels_where_frames_cannot_carry_it(make):
+    def prepare(drives):
+        drives.left.unmappable = drives.right.unmappable = {0x6085}
+
+    chassis, drives, _ = make(prepare=prepare, quick_stop=DOCKING)
+    for drive in chassis.drives:
+        assert drive.unsupported == ("quick stop ramp in command frames (0x6085)",)
+    chassis.send(Twist(0.1, 0.05))
+    assert until(lambda: drives.velocities()[0] > 0.0)
+    # min(a_max, alpha_max b / 2) = 0.2 m/s², at a wheel of 0.08 m
+    expected = round(SCALE * 0.2 / 0.08)
+    assert drives.left.value(0x6085) == drives.right.value(0x6085) == expected
+
+
+def test_a_command_during_a_stop_counts_as_one_to_stand():
+    """Taken up at once, it would stop the wheels as hard as their ramps can."""
+    clock, channel = [0.0], next(CHANNELS)
+    drives = SimulatedDrives(channel, now=lambda: clock[0])
+    chassis = CanDrives(
+        open_bus("virtual", channel), LEFT, RIGHT, WHEELS, timing=SLOW, quick_stop=DOCKING
+    )
+    try:
+        chassis.send(Twist(0.2, 0.0))
+        drives.serve()
+        clock[0] += 1.0
+        assert until(lambda: chassis.velocity().v > 0.19)
+        chassis.stop()
+        drives.serve()
+        clock[0] += 0.1
+        for command in (REST, Twist(0.01, 0.0)):
+            chassis.send(command)
+            assert chassis.applied() == REST
+            assert measured_twist(drives).v == pytest.approx(0.2 - 0.3 * 0.1, abs=1e-4)
+        clock[0] += 1.0
+
+        def goes_on():
+            chassis.send(Twist(0.01, 0.0))
+            return chassis.applied() != REST
+
+        assert until(goes_on)
+    finally:
+        chassis.close()
+        drives.close()
+
+
+# Parts that come back -----------------------------------------------------------------------
+
+
+def test_a_release_does_not_drive_to_where_the_bus_was_cut(make, monkeypatch):
+    """The zeros of the stop never arrived: the drives still hold the last target."""
+    chassis, drives, _ = make(CanTiming(timeout=0.1, startup=0.5))
+    chassis.send(Twist(0.1, 0.0))
+    assert until(lambda: drives.velocities()[0] > 0.0)
+    with monkeypatch.context() as patched:
+        patched.setattr(chassis._network.bus, "send", lambda *_, **__: None)
+        assert until(lambda: chassis.fault)
+        assert until(lambda: drives.velocities() == (0.0, 0.0))
+    seen = []
+    serve = drives.serve
+    monkeypatch.setattr(drives, "serve", lambda: (serve(), seen.append(drives.left.velocity())))
+    chassis.release()
+    time.sleep(0.05)
+    assert drives.left.state is DriveState.OPERATION_ENABLED
+    assert set(seen) == {0.0}
+
+
+def test_a_bus_that_cannot_be_read_for_a_while(make, monkeypatch):
+    chassis, drives, _ = make()
+    bus = chassis._network.bus
+
+    def broken(*_, **__):
+        raise OSError("network is down")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(bus, "recv", broken)
+        assert until(lambda: "network is down" in chassis.fault)
+        with pytest.raises(CanDriveError, match="network is down"):
+            chassis.send(Twist(0.1, 0.0))
+    chassis.release()
+    chassis.send(Twist(0.1, 0.0))
+    assert until(lambda: drives.left.velocity() > 0.0 > drives.right.velocity())
+
+
+def test_a_release_on_a_dead_bus_is_told(make, monkeypatch):
+    chassis, _, _ = make()
+
+    def broken(*_, **__):
+        raise OSError("bus off")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(chassis._network.bus, "send", broken)
+        with pytest.raises(CanDriveError, match="bus off"):
+            chassis.release()
+        with pytest.raises(CanDriveError):
+            chassis.send(REST)
+    chassis.release()
+    chassis.send(REST)
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_a_drive_that_was_switched_off_is_configured_anew(make, moving):
+    chassis, drives, _ = make()
+    if moving:
+        chassis.send(Twist(0.1, 0.0))
+    drives.right.restart()
+    assert until(lambda: "right drive (node 2): was switched off and on" in chassis.fault)
+    assert drives.right.value(0x1016, 1) == 0  # it would not notice that this side is gone
+    assert until(lambda: drives.left.velocity() == 0.0)
+    chassis.release()
+    assert drives.right.value(0x1016, 1) == drives.left.value(0x1016, 1) != 0
+    chassis.send(Twist(0.1, 0.0))
+    assert until(lambda: drives.left.velocity() > 0.0 > drives.right.velocity())
+
+
+CONTROL = """
+import sys, time
+from benchmarks.robot.wire import open_wire
+from clfcbf import Limits, Twist
+from clfcbf.hardware.can_drives import CanDrives, CanTiming, WheelDrive
+from clfcbf.wheels import WheelLimits
+wheels = WheelLimits(0.4, 0.08, 1.0, 50.0)
+bus, _ = open_wire(int(sys.argv[1]))
+timing = CanTiming(timeout=0.15, silence=0.2, heartbeat=0.02, status=0.02)
+chassis = CanDrives(
+    bus, WheelDrive(1, 1e4), WheelDrive(2, -1e4), wheels, timing=timing,
+    quick_stop=Limits(0.35, 0.4, 0.3, 1.0),
+)
+while True:
+    chassis.send(Twist(0.15, 0.3))
+    time.sleep(0.02)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
+def test_drives_stop_on_the_circle_when_their_process_is_killed():
+    wire, port = open_wire()
+    drives = SimulatedDrives(wire)
+    process = subprocess.Popen([sys.executable, "-W", "error", "-c", CONTROL, str(port)])
+    try:
+        deadline = time.monotonic() + 20.0
+        while measured_twist(drives).v < 0.149:
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.002)
+        process.kill()
+        process.wait()
+        killed, seen = time.monotonic(), []
+        while time.monotonic() < killed + 1.2:
+            seen.append((time.monotonic() - killed, measured_twist(drives)))
+            time.sleep(0.002)
+    finally:
+        process.kill()
+        process.wait()
+        drives.close()
+    moving = [(when, twist) for when, twist in seen if twist.v > 0.01]
+    # Silence, half a second of braking, and what a loaded machine needs.
+    assert 0.5 < moving[-1][0] < 0.9
+    assert seen[-1][1] == REST
+    for _, (v, omega) in moving:
+        assert omega / v == pytest.approx(2.0, abs=0.02)

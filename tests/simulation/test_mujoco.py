@@ -236,3 +236,43 @@ def test_missing_package_names_its_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(MissingExtraError, match=r"mujoco-core.*clfcbf\[sim\]"):
         plant()
+
+
+def test_the_shortest_advance_is_one():
+    """A clock's rounding: less than a picosecond."""
+    robot = plant()
+    before = robot.pose()
+    assert len(robot.advance(1e-15)) == 1
+    assert tuple(robot.pose()) == pytest.approx(tuple(before), abs=1e-12)
+    assert robot.time == 1e-15
+
+
+def test_a_robot_follows_its_drives_on_a_bus():
+    """MuJoCo behind two CiA-402 drives: a curve driven, and whether anything was touched."""
+    pytest.importorskip("canopen", reason="needs the extra can")
+    from clfcbf.hardware.can_drives import CanDrives, CanTiming, WheelDrive, open_bus
+    from clfcbf.simulation.can_drives import CanPlant, SimulatedDrives
+    from clfcbf.wheels import WheelLimits
+
+    left, right = WheelDrive(1, 1e4), WheelDrive(2, -1e4)
+    wheels = WheelLimits(0.42, 0.08, 0.5, 2.0)
+    base = plant(Body.ideal())
+    drives = SimulatedDrives("mujoco-on-a-bus", now=lambda: base.time)
+    chassis = CanDrives(
+        open_bus("virtual", "mujoco-on-a-bus"), left, right, wheels,
+        timing=CanTiming(timeout=5.0, silence=5.0), quick_stop=LIMITS,
+    )  # fmt: skip
+    robot = CanPlant(base, drives, left, right, wheels)
+    try:
+        for share in (0.25, 0.5, 0.75, 1.0):
+            chassis.send(Twist(share * 0.15, share * 0.3))
+            robot.advance(0.3)
+        assert tuple(robot.twist()) == pytest.approx((0.15, 0.3), abs=0.01)
+        assert not robot.contact()
+        x, y, _ = robot.pose()
+        robot.move_target(Pose2(x - 0.5, y, 0.0))  # the board is 0.1 m ahead of the axle
+        robot.advance(0.1)
+        assert robot.contact()
+    finally:
+        chassis.close()
+        robot.close()
