@@ -40,6 +40,11 @@ class InputBox(NamedTuple):
         )
 
 
+LEAST = 1e-9
+"""[m/s, rad/s, m/s², rad/s²] Smallest limit: with less no robot moves in its lifetime, and the
+ticks of a brake could no longer be counted."""
+
+
 def check_period(period: float) -> float:
     """Return ``period`` [s] if it is finite and positive, else raise ``ConfigurationError``."""
     if not (math.isfinite(period) and period > 0.0):
@@ -59,7 +64,7 @@ class Limits:
 
     Raises
     ------
-    LimitsError : a value is not finite, a maximum is not positive, or ``v_min > 0``
+    LimitsError : a value is not finite, a maximum not positive (1e-9 at least), or ``v_min > 0``
 
     Notes
     -----
@@ -79,6 +84,8 @@ class Limits:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise LimitsError(f"{name} must be finite and positive, got {value!r}")
+            if value < LEAST:
+                raise LimitsError(f"{name} must be at least {LEAST:g}, got {value!r}")
         if self.v_min is None:
             object.__setattr__(self, "v_min", -self.v_max)
         elif not (math.isfinite(self.v_min) and self.v_min <= 0.0):

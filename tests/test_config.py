@@ -471,7 +471,7 @@ def test_limits_no_plan_can_be_made_with_are_refused_by_the_controller(line):
         ("loop", "window = 1000000000", "[loop] window must be at most 10000000"),
         ("docking", "patience = inf", "[docking] patience must be finite, got inf"),
         ("filter", "period = 0.0", "[filter] period must be finite and positive [s], got 0.0"),
-        ("limits", "alpha_max = 5e-324", "[limits] alpha_max is far out of range: 5e-324"),
+        ("limits", "alpha_max = 5e-324", "[limits] alpha_max must be at least 1e-09, got 5e-324"),
     ],
 )
 def test_what_is_computed_with_is_refused_by_its_own_name(section, line, told):

@@ -231,3 +231,12 @@ def test_behind_the_camera_is_an_error_that_says_so():
         FieldOfView(0.6, Pose2(0.2, 0, 0)).check_ahead((0.1, 0.0))
     with pytest.raises(GeometryError, match="finite"):
         FieldOfView(0.6).check_ahead((math.nan, 0.0))
+
+
+@pytest.mark.parametrize("name", ["v_max", "omega_max", "a_max", "alpha_max"])
+def test_a_limit_too_small_to_count_with_is_refused(name):
+    values = {"v_max": 0.2, "omega_max": 0.4, "a_max": 0.3, "alpha_max": 1.0}
+    least = Limits(**{**values, name: 1e-9})
+    assert least.brake_ticks(Twist(0.2, 0.4), 1e-3) > 0
+    with pytest.raises(LimitsError, match=f"{name} must be at least 1e-09, got 5e-324"):
+        Limits(**{**values, name: 5e-324})

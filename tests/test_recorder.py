@@ -908,6 +908,24 @@ def there_and_back(session, loop):
     assert session.result.success
 
 
+def test_a_step_of_a_tick_that_something_ended_is_not_taken_for_the_next_one_s(tmp_path):
+    path = tmp_path / "run.mcap"
+    parts, controller = robot(Pose2(-1.0, 0.05, 0.0))
+    box = LIMITS["approaching"].input_box(REST, PERIOD)
+    with FlightRecorder(path, controller.config) as recorder:
+        watch = SessionRecorder(recorder)
+        watched = watch.controller(controller)
+        watched.step(None, REST, 0.0)  # and then an adapter raised
+        own = Decision(REST, Status.STOPPED, True, REST, 0.0, box=box)
+        watch.on_tick(Tick(0, 1.0, 1.0, 1.0, None, REST, own, REST, False))
+        decided = watched.step(None, REST, 1.0 + PERIOD)
+        begun = 1.0 + PERIOD
+        watch.on_tick(Tick(1, begun, begun, begun, None, REST, decided, REST, False))
+    first, second = read_log(path).ticks()
+    assert isinstance(first.inputs, SessionInputs)
+    assert isinstance(second.inputs, DockingInputs)
+
+
 @pytest.mark.parametrize("stage", [False, True])
 def test_a_session_is_recorded_and_reproduced_to_the_last_bit(tmp_path, stage):
     path = tmp_path / "log"

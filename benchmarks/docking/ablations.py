@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -70,8 +70,8 @@ class ForwardPlanner(Planner):
 
     def _backed_off(
         self, start: Pose2, reasons: dict[str, int]
-    ) -> list[tuple[float, tuple[Leg, ...]]]:
-        return []
+    ) -> Iterator[tuple[float, tuple[Leg, ...]]]:
+        yield from ()
 
 
 class QuinticPlanner(Planner):

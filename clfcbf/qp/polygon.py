@@ -48,8 +48,8 @@ def clip(polygon: list[Corner], row: ExactRow) -> list[Corner]:
 
     Notes
     -----
-    An edge parallel to ``row`` to rounding (:data:`PARALLEL`) is kept or dropped as a whole: a
-    row and its copy scaled by 3 are one row, though rounding tilts the copy.
+    An edge parallel to ``row`` to rounding (:data:`PARALLEL`) that meets its line is kept as a
+    whole: a row and its copy scaled by 3 are one row, though rounding tilts the copy.
     """
     a, c, b = row
     residuals = [a * x + c * y - b for x, y in polygon]
@@ -59,7 +59,7 @@ def clip(polygon: list[Corner], row: ExactRow) -> list[Corner]:
     count = len(polygon)
     for i in range(count):
         ri, rj = residuals[i - 1], residuals[i]
-        if ri < 0 < rj or rj < 0 < ri:
+        if ri <= 0 <= rj or rj <= 0 <= ri:
             (xi, yi), (xj, yj) = polygon[i - 1], polygon[i]
             across, length = abs(ri - rj), size * (abs(xi - xj) + abs(yi - yj))
             if across * PARALLEL <= length:

@@ -23,13 +23,13 @@ def _lowest_face(polygon: list[Corner], row: ExactRow) -> tuple[list[Corner], Fr
     values = [a * x + c * y for x, y in polygon]
     least = min(values)
     first = last = values.index(least)
-    # To either side as long as the row is parallel to the edge, to rounding.
+    # To either side as long as the row rises no more than one parallel to the edge, to rounding.
     for step in (1, -1):
         at = first
         for _ in range(count - 1):
             nxt = (at + step) % count
             dx, dy = polygon[nxt][0] - polygon[at][0], polygon[nxt][1] - polygon[at][1]
-            if nxt == last or abs(a * dx + c * dy) * PARALLEL > abs(dx) + abs(dy):
+            if nxt == last or (a * dx + c * dy) * PARALLEL > abs(dx) + abs(dy):
                 break
             at = nxt
         if step > 0:

@@ -25,6 +25,7 @@ __all__ = ["SessionRecorder"]
 class _Driven(NamedTuple):
     """The step of a controller within a session's tick; no inputs where it is not recorded."""
 
+    now: float
     decision: Decision
     inputs: DockingInputs | None
 
@@ -61,6 +62,8 @@ class SessionRecorder:
     def on_tick(self, tick: Tick) -> None:
         """Take a tick of the loop around the session; never waits, never raises."""
         driven, self._driven = self._driven, None
+        if driven is not None and driven.now != tick.begun:  # of a tick that something else ended
+            driven = None
         loop = in_the_loop(tick)
         if driven is not None and driven.inputs is not None:
             self._recorder.given(Given(driven.inputs, tick.begun, driven.decision, loop))
@@ -84,7 +87,7 @@ class _Recorded:
 
     def step(self, observation: Observation | None, applied: Twist, now: float) -> Decision:
         decision = self._controller.step(observation, applied, now)
-        self._recorder._step(_Driven(decision, DockingInputs(observation, applied)))
+        self._recorder._step(_Driven(now, decision, DockingInputs(observation, applied)))
         return decision
 
     def undock(self, distance: float) -> None:
@@ -99,5 +102,5 @@ class _Foreign:
 
     def step(self, observation: Observation | None, applied: Twist, now: float) -> Decision:
         decision = self._controller.step(observation, applied, now)
-        self._recorder._step(_Driven(decision, None))
+        self._recorder._step(_Driven(now, decision, None))
         return decision

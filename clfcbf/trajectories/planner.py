@@ -11,6 +11,7 @@ can change by no more than the integral of ``tan(edge) d ln(range)``.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -44,6 +45,9 @@ _REST = Twist(0.0, 0.0)
 
 _VIEW_TOLERANCE = 1e-3
 """[rad] Rounding and interpolation in a bearing: a tenth of what a plan has to spare."""
+
+_BESIDE = 0.1
+"""[m] So near to the axis an approach may come from either side."""
 
 _PRICE = 50.0
 """[s/rad²] Of a look-ahead beyond the view, where the guard slows down: 1.5 s at 10°."""
@@ -142,7 +146,7 @@ class Planner:
         )
 
     def _fastest(
-        self, tries: list[tuple[float, tuple[Leg, ...]]], start: Pose2, applied: Twist,
+        self, tries: Iterable[tuple[float, tuple[Leg, ...]]], start: Pose2, applied: Twist,
         reasons: dict[str, int],
     ) -> Plan | None:  # fmt: skip
         best: Plan | None = None
@@ -166,53 +170,47 @@ class Planner:
 
     def _forward(
         self, start: Pose2, reasons: dict[str, int]
-    ) -> list[tuple[float, tuple[Leg, ...]]]:
+    ) -> Iterator[tuple[float, tuple[Leg, ...]]]:
         starts = np.array([start])
         found = tangent_candidates(starts, self.radii, self.curves)
         cost = self._cost(found, starts, np.zeros(1), self.curves, reasons)
-        order = np.argsort(cost)[: defaults.PLAN_TRIES]
-        return [
-            (
-                float(cost[i]),
-                (approach_path(start, found, int(i), self.curves, self.limits),),
-            )
-            for i in order
-            if np.isfinite(cost[i])
-        ]
+        for i in np.argsort(cost)[: defaults.PLAN_TRIES]:
+            if np.isfinite(cost[i]):
+                path = approach_path(start, found, int(i), self.curves, self.limits)
+                yield float(cost[i]), (path,)
 
     def _visible(
         self, start: Pose2, reasons: dict[str, int]
-    ) -> list[tuple[float, tuple[Leg, ...]]]:
+    ) -> Iterator[tuple[float, tuple[Leg, ...]]]:
         try:
             path = VisiblePath(Polar.of(start.relative(self.feature)), self.standoff)
         except GeometryError:
             reasons["no path"] += 1
-            return []
+            return
         if path.margin(self.edge) < 0.0:
             reasons["field of view"] += 1
-            return []
+            return
         try:
             timed = time_path(path.sampled(), self.limits)
         except PlanningError:
             reasons["limits"] += 1
-            return []
-        return [(timed.duration, (timed_path(timed, start, _ORIGIN),))]
+            return
+        yield timed.duration, (timed_path(timed, start, _ORIGIN),)
 
     def _backed_off(
         self, start: Pose2, reasons: dict[str, int]
-    ) -> list[tuple[float, tuple[Leg, ...]]]:
+    ) -> Iterator[tuple[float, tuple[Leg, ...]]]:
         firsts = [*self._turns(start), *self._reversals(start)]
         if not firsts:
-            return []
+            return
         starts = np.array([first.end for first in firsts])
         times = np.array([first.time for first in firsts])
         found = tangent_candidates(starts, self.radii[[0, 2]], self.thinned)
         cost = self._cost(found, starts, times, self.thinned, reasons)
-        tries: list[tuple[float, tuple[Leg, ...]]] = []
         taken: set[int] = set()
         for i in np.argsort(cost):
             row = int(found.start[i])
-            if not np.isfinite(cost[i]) or len(tries) == defaults.PLAN_TRIES:
+            if not np.isfinite(cost[i]) or len(taken) == defaults.PLAN_TRIES:
                 break
             if row in taken:
                 continue
@@ -222,8 +220,7 @@ class Planner:
             path = approach_path(
                 first.end, found, int(i), self.thinned, self.limits, first.turn_rate
             )
-            tries.append((float(cost[i]), (leg, path)))
-        return tries
+            yield float(cost[i]), (leg, path)
 
     def _turns(self, start: Pose2) -> list[_First]:
         """Turns on the spot that keep the view, to either side."""
@@ -238,23 +235,28 @@ class Planner:
         return firsts
 
     def _reversals(self, start: Pose2) -> list[_First]:
-        """Reversals that keep the view, dearer where the guard may see them turn out of it."""
+        """Reversals that keep the view and go on toward the axis of the goal.
+
+        They are dearer where the guard may see them turn out of the view.
+        """
         table, limits = self.reversals, self.limits
-        poses = table.seen_from(start)
+        inward = (table.second * start.y <= 0.0) | (abs(start.y) < _BESIDE)
+        rows = np.flatnonzero(inward)
+        poses = table.seen_from(start, rows)
         bearing = self._bearings(*np.moveaxis(poses, 2, 0))
-        rate = table.turn_rates
+        rate = table.turn_rates[rows]
         further = bearing - rate * (0.5 * np.abs(rate) / limits.alpha_max + self.guard.lag)
         allowed = max(self.edge.half_angle, abs(self._bearing(start))) + _VIEW_TOLERANCE
         beyond = np.maximum(0.0, np.abs(further).max(axis=1) - allowed)
         # They end at full speed, which the estimate of an approach is without.
-        times = table.durations - 0.5 * limits.v_max / limits.a_max + _PRICE * beyond**2
+        times = table.durations[rows] - 0.5 * limits.v_max / limits.a_max + _PRICE * beyond**2
         return [
             _First(
-                int(row), Pose2(x, y, wrap_angle(theta)), float(times[row]),
-                float(table.second[row]),
+                int(rows[k]), Pose2(x, y, wrap_angle(theta)), float(times[k]),
+                float(table.second[rows[k]]),
             )
-            for row in np.flatnonzero(np.abs(bearing).max(axis=1) <= allowed)
-            for x, y, theta in [poses[row, -1].tolist()]
+            for k in np.flatnonzero(np.abs(bearing).max(axis=1) <= allowed)
+            for x, y, theta in [poses[k, -1].tolist()]
         ]  # fmt: skip
 
     def _bearing(self, pose: Pose2) -> float:

@@ -34,8 +34,8 @@ Array = NDArray[np.float64]
 _NODES = 60
 """Instants of a motion in the table, about 50 ms apart."""
 
-_FINER = 4
-"""Instants of a leg for one of the table."""
+_FINER = 3
+"""Instants of a leg for one of the table: about a tick apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,9 +85,9 @@ class Reversals:
     def __len__(self) -> int:
         return len(self.durations)
 
-    def seen_from(self, start: Pose2) -> Array:
-        """The poses for a start other than the origin, shape (m, n, 3)."""
-        x, y, theta = np.moveaxis(self.poses, 2, 0)
+    def seen_from(self, start: Pose2, rows: NDArray[np.intp]) -> Array:
+        """The poses of some motions for a start other than the origin, shape (len(rows), n, 3)."""
+        x, y, theta = np.moveaxis(self.poses[rows], 2, 0)
         c, s = math.cos(start.theta), math.sin(start.theta)
         return np.stack(
             (start.x + c * x - s * y, start.y + s * x + c * y, start.theta + theta), axis=2

@@ -219,9 +219,7 @@ def test_what_is_left_along_a_side_of_the_box_is_all_of_it(side):
 
 
 @pytest.mark.parametrize("row", [(1.0, 0.0), (-2.0, 0.0), (0.0, 3.0), (0.0, -1.0)])
-def test_what_is_left_of_a_level_that_cannot_hold_is_chosen_from_to_the_last_digits(
-    reference, row
-):
+def test_what_is_left_of_a_level_that_cannot_hold_is_chosen_from_to_the_last_digits(reference, row):
     """A side of the box: the nearest point on it, by enumeration."""
     levels = [[(*row, -9.0)], [(0.3, 0.4, 0.9)]]
     for nominal in (
