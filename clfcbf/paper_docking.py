@@ -101,7 +101,10 @@ class PaperDocking:
             decision, after = stop(begun, begun.fault or fault or waiting, self.base)
             self.state = self.state._replace(base=after)
             done = self.state.phase is Phase.DONE and at_rest(begun.applied)
-            return decision._replace(phase=self.state.phase, reason=self.state.reason, done=done)
+            return decision._replace(
+                phase=self.state.phase, reason=self.state.reason, done=done,
+                failure=self.state.failure,
+            )  # fmt: skip
         pose = target.goal.relative(begun.reckoning.pose)
         if self.trajectory is None:
             self.trajectory = quintic_to_goal(pose, self.base.limits)

@@ -13,8 +13,9 @@ import time
 from benchmarks.baselines.law import Answer, Law, StopRule, View, near
 from benchmarks.baselines.method import Setup
 from clfcbf import defaults
-from clfcbf.decision import Decision, Phase, Status
+from clfcbf.decision import Decision, Failure, Phase, Status
 from clfcbf.docking import DockingConfig, DockingState, observed
+from clfcbf.docking_state import failed_run
 from clfcbf.estimation import coast
 from clfcbf.guard import Brake
 from clfcbf.scene import Observation
@@ -84,7 +85,7 @@ class LawController:
             return self._stop(begun, Status.STOPPED)
         if self.running > self.rule.deadline:
             reason = f"gave up after {self.rule.deadline:g} s"
-            self.state = self.state._replace(phase=Phase.FAILED, reason=reason)
+            self.state = failed_run(self.state, Failure.GAVE_UP, reason)
             return self._stop(begun, Status.STOPPED)
         target = self.state.target
         if fault is not None or target is None or target.accepted < defaults.FIRST_LOOKS:
@@ -97,7 +98,8 @@ class LawController:
             self.state = self.state._replace(base=after)
             return decision._replace(phase=self.state.phase)
         phase, reason = self._verdict(view, answer)
-        self.state = self.state._replace(phase=phase, reason=reason)
+        failure = answer.kind if phase is Phase.FAILED else None
+        self.state = self.state._replace(phase=phase, reason=reason, failure=failure)
         if phase is not Phase.APPROACHING:
             return self._stop(begun, Status.STOPPED)
         return self._send(begun, view, answer)
@@ -145,7 +147,9 @@ class LawController:
         decision, after = stop(begun, status, self.docking.filter)
         self.state = self.state._replace(base=after)
         done = self.state.phase is Phase.DONE and at_rest(begun.applied)
-        return decision._replace(done=done, phase=self.state.phase, reason=self.state.reason)
+        return decision._replace(
+            done=done, phase=self.state.phase, reason=self.state.reason, failure=self.state.failure
+        )
 
 
 def _off(pose: Pose2) -> str:

@@ -10,6 +10,7 @@ from benchmarks.baselines.driver import LawController
 from benchmarks.baselines.graceful_law import GracefulLaw, GracefulParameters
 from benchmarks.baselines.law import Answer, StopRule, View
 from benchmarks.baselines.method import Method, Range, Setup
+from clfcbf.decision import Failure
 from clfcbf.errors import GeometryError
 from clfcbf.limits import Limits
 from clfcbf.se2 import Pose2, Twist
@@ -58,7 +59,7 @@ class DockingServer:
             return self._stopping(view)
         if p.max_retries:
             if view.unseen > p.detection_timeout:
-                return self._failed(view, "detection lost")
+                return self._failed(view, "detection lost", Failure.LOST)
             if view.time - self.since > p.approach_timeout:
                 return self._failed(view, "approach timed out")
         if self._docked(view):
@@ -81,10 +82,11 @@ class DockingServer:
             return Answer(_REST, arrived=True)
         return self._failed(view, f"stands {1e3 * distance:.0f} mm from the dock")
 
-    def _failed(self, view: View, why: str) -> Answer:
+    def _failed(self, view: View, why: str, kind: Failure = Failure.GAVE_UP) -> Answer:
         self.retries += 1
         if self.retries > self.parameters.max_retries:
-            return Answer(_REST, failure=f"{why}; {self.parameters.max_retries} retries used")
+            told = f"{why}; {self.parameters.max_retries} retries used"
+            return Answer(_REST, failure=told, kind=kind)
         self.stage, self.since = _Stage.RESET, view.time
         return Answer(_REST)
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
+from clfcbf.decision import Failure
 from clfcbf.errors import ConfigurationError
 from clfcbf.limits import InputBox, Limits
 from clfcbf.se2 import Point, Pose2, Twist, wrap_angle
@@ -53,14 +54,15 @@ class View(NamedTuple):
 class Answer(NamedTuple):
     """What a law says: a command, not yet clipped, and whether it is finished.
 
-    ``arrived`` brakes and is done; ``failure`` brakes and gives up, for that reason; ``solved``
-    is False where a solver failed and ``twist`` is a substitute.
+    ``arrived`` brakes and is done; ``failure`` brakes and gives up, for that reason, which is of
+    that ``kind``; ``solved`` is False where a solver failed and ``twist`` is a substitute.
     """
 
     twist: Twist
     arrived: bool = False
     failure: str = ""
     solved: bool = True
+    kind: Failure = Failure.GAVE_UP
 
 
 class Law(Protocol):

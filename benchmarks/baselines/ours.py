@@ -9,7 +9,7 @@ from benchmarks.baselines.law import DEADLINE
 from benchmarks.baselines.method import Method, Range, Setup
 from clfcbf import defaults
 from clfcbf.controller import DockingController
-from clfcbf.decision import Decision, Phase, Status
+from clfcbf.decision import Decision, Failure, Phase, Status
 from clfcbf.errors import ConfigurationError
 from clfcbf.limits import Limits
 from clfcbf.paper import CLF_DECAY, ERROR_WEIGHTS, INPUT_WEIGHTS, SLACK_WEIGHT, PaperConfig
@@ -38,6 +38,7 @@ class Deadline:
         self.seconds = seconds
         self.started = math.inf
         self.failure = ""
+        self.kind: Failure | None = Failure.GAVE_UP
 
     def step(self, observation: Observation | None, applied: Twist, now: float) -> Decision:
         """The controller's decision until the deadline or its failure, a brake from then on."""
@@ -45,7 +46,7 @@ class Deadline:
         if not self.failure:
             self.started = min(self.started, now)
             if decision.phase is Phase.FAILED:
-                self.failure = decision.reason or "failed"
+                self.failure, self.kind = decision.reason or "failed", decision.failure
                 return decision
             if decision.done or now - self.started <= self.seconds:
                 return decision
@@ -53,7 +54,7 @@ class Deadline:
         box = self.limits.input_box(applied, self.period)
         return decision._replace(
             twist=box.clip(Twist(0.0, 0.0)), status=Status.STOPPED, done=False,
-            phase=Phase.FAILED, reason=self.failure,
+            phase=Phase.FAILED, reason=self.failure, failure=self.kind,
         )  # fmt: skip
 
 

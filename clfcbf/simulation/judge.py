@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clfcbf.decision import Decision, Phase, Status
+from clfcbf.decision import Decision, Failure, Phase, Status
 from clfcbf.limits import Limits
 from clfcbf.se2 import Pose2, Twist, wrap_angle
 from clfcbf.simulation.scenarios import World, visible_share
@@ -26,6 +26,7 @@ PAST_GOAL = 0.05
 REST_V, REST_OMEGA = 1e-3, 1e-3
 """[m/s, rad/s] Below both the body stands."""
 
+_LOST = (Failure.LOST, Failure.AMBIGUOUS)
 _RELAXED = (Status.BARRIER_RELAXED, Status.SOLVER_FAILED)
 
 
@@ -173,7 +174,7 @@ class Watch:
         if self._touched or self._farthest > PAST_GOAL:
             return "contact"
         if last.phase is Phase.FAILED:
-            return "lost" if "lost" in last.reason else "failed"
+            return "lost" if last.failure in _LOST else "failed"
         if not last.done:
             return "timeout"
         return "ok" if _within(end, TOLERANCE, TOLERANCE_THETA) else "miss"

@@ -586,6 +586,10 @@ def test_clearance_along_at_the_ends_of_what_it_answers() -> None:
     assert behind_axle.clearance_along(scene_of(Pose2(1e-9, 0.0, 0.0)), away) == half
     onto = Sweep.of(HERE, rest, 0.0, Twist(1.0, 0.0), 1.0)
     assert behind_axle.clearance_along(scene_of(Pose2(1.0, 0.0, 0.0)), onto) == -math.inf
+    # Abreast of the camera at one end only, well ahead of the axle and on neither at the other.
+    for v, x in ((-0.5, 0.5), (0.5, 1.0)):
+        past = Sweep.of(HERE, rest, 0.0, Twist(v, 0.0), 1.0)
+        assert before_axle.clearance_along(scene_of(Pose2(x, 0.25, 0.0)), past) == -math.inf
 
 
 @given(

@@ -170,6 +170,21 @@ def test_an_edge_along_a_row_is_found_wherever_it_is_listed(first, top, tilt):
     assert set(clip(polygon, (tilt, one, -one))) == set(corners[:2])
 
 
+@pytest.mark.parametrize("side", range(4))
+@pytest.mark.parametrize("inward", [False, True])
+@pytest.mark.parametrize("on", [0, 1])
+@pytest.mark.parametrize("tilt", [Fraction(1, 2**60), Fraction(-1, 2**60)])
+def test_an_edge_along_a_row_is_whole_also_where_one_end_is_on_it(side, inward, on, tilt):
+    """Exactly on the row with one end, and off it with the other by what rounding makes of it."""
+    square = [(Fraction(x), Fraction(y)) for x, y in ((-1, -1), (2, -1), (2, 1), (-1, 1))]
+    edge = [square[side], square[side - 3]]
+    (x, y), (p, q) = edge
+    normal = (x - p, y - q) if inward else (p - x, q - y)
+    a, c = normal[1] + tilt * (p - x), -normal[0] + tilt * (q - y)
+    row = (a, c, a * edge[on][0] + c * edge[on][1])
+    assert set(clip(square, row)) == set(edge if inward else square)
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(small, small), min_size=1, max_size=3))
 def test_relaxed_sets_are_thin(offsets):
@@ -216,6 +231,16 @@ def test_what_is_left_along_a_side_of_the_box_is_all_of_it(side):
             exact_corners = box_polygon(*map(Fraction, UNEVEN))
             polygon, _ = relax(exact_corners, [[row]], _unit)
             assert set(polygon) == ends
+
+
+@pytest.mark.parametrize("corner", range(4))
+@pytest.mark.parametrize("row", [(3.0, 4.0), (4.0, 3.0)])
+def test_what_is_left_at_a_corner_of_the_box_is_that_corner(corner, row):
+    v, w = box_polygon(*UNEVEN)[corner]
+    a, c = math.copysign(row[0], -v), math.copysign(row[1], -w)
+    polygon, slacks = relaxed_exactly([[(a, c, a * v + c * w - 10.0)]])
+    assert polygon == [(v, w)]
+    assert slacks == [2]
 
 
 @pytest.mark.parametrize("row", [(1.0, 0.0), (-2.0, 0.0), (0.0, 3.0), (0.0, -1.0)])

@@ -342,7 +342,7 @@ def test_reversed_box_gives_no_answer():
 @pytest.mark.parametrize(
     "weight",
     [(1.0, 1.0, 1.0), (0.0, 0.0, 1.0), (1.0, 0.0, -1.0), (1.0, 0.0), (math.nan, 0.0, 1.0),
-     (1.0, 2.0, 1.0), (math.inf, 0.0, 1.0)],
+     (1.0, 2.0, 1.0), (1.0, -2.0, 1.0), (math.inf, 0.0, 1.0)],
 )  # fmt: skip
 def test_weight_must_be_positive_definite(weight):
     with pytest.raises(ConfigurationError, match="weight must be"):
@@ -367,6 +367,30 @@ def test_opposite_rows_and_their_copies_leave_a_whole_segment():
     one = solve_lexicographic(weight, nominal, box, [[first, second]])
     other = solve_lexicographic(weight, nominal, box, [copies])
     assert (other.v, other.omega) == pytest.approx((one.v, one.omega), abs=1e-12)
+
+
+@pytest.mark.parametrize("ends", [(0.0, 1.0), (-1.0, 0.0), (-1.0, 1.0), (0.125, 1.0)])
+@pytest.mark.parametrize("nominal", [(0.9, 0.9), (0.9, -0.9), (0.0, 0.4)])
+def test_copies_of_a_row_are_that_row_also_where_they_meet_it_on_a_side_of_the_box(ends, nominal):
+    """At zero nothing is rounded, so a copy that is tilted by rounding turns about that corner."""
+    row = (1.0, 0.1, 0.5)
+    assert 3.0 * 0.1 != 0.3
+
+    def copy(factor, lower=0.0):
+        return (factor * row[0], factor * row[1], factor * (row[2] - lower))
+
+    box = (-1.0, 1.0, *ends)
+    level = [copy(1.0), copy(-1.0)]
+    for below in ([], [copy(1.0, 5.0)], [copy(-1.0, -5.0)]):
+        expected = solve_lexicographic(WEIGHT, nominal, box, [level, below])
+        for factors in ((1.0, -3.0), (3.0, -1.0), (3.0, 1.0, -1.0), (-3.0, -1.0, 1.0)):
+            for scale in (1.0, 7.0):
+                scaled = [tuple(scale * entry for entry in entries) for entries in below]
+                copies = [[copy(factor) for factor in factors], scaled]
+                answer = solve_lexicographic(WEIGHT, nominal, box, copies)
+                assert answer[:2] == pytest.approx(expected[:2], abs=1e-12)
+                assert answer.slacks == pytest.approx(expected.slacks, abs=1e-12)
+                assert answer.v + 0.1 * answer.omega == pytest.approx(0.5, abs=1e-12)
 
 
 def test_thin_wedge_next_to_a_corner(reference):
