@@ -19,17 +19,18 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
-from clfcbf.decision import Decision, Phase, Status
+from clfcbf.decision import Decision, Phase
 from clfcbf.errors import ConfigurationError, LimitsError
 from clfcbf.hardware.clocks import MonotonicClock
 from clfcbf.hardware.protocols import Chassis, Clock, TargetSensor
 from clfcbf.limits import Limits, check_period
 from clfcbf.runtime.braking import Braking
 from clfcbf.runtime.ending import come_to_rest
-from clfcbf.runtime.parts import Part, Tally
+from clfcbf.runtime.parts import Part
 from clfcbf.runtime.policy import Ending, LoopPolicy, LoopReport, Overrun
 from clfcbf.runtime.signals import caught
 from clfcbf.runtime.statistics import LoopStatistics, Recorder
+from clfcbf.runtime.watch import TickTimes, Watch
 from clfcbf.scene import Observation
 from clfcbf.se2 import Twist
 
@@ -39,16 +40,6 @@ _REST = Twist(0.0, 0.0)
 
 TOLERANCE = 1e-9
 """[m/s, rad/s] By which a command may leave its input box: the rounding of the contract."""
-
-STANDING = 1e-3
-"""[m/s, rad/s] Command up to which a base that reports zero has merely rounded it."""
-
-_FAULTS = {
-    Status.INTERNAL_ERROR: (Part.CONTROLLER, "raised inside"),
-    Status.SOLVER_FAILED: (Part.SOLVER, "gave no answer"),
-    Status.CLOCK_ERROR: (Part.CLOCK, "did not advance"),
-}
-"""What a decision's status says of a part."""
 
 
 class LoopController(Protocol):
@@ -84,16 +75,6 @@ class Tick(NamedTuple):
     command: Twist
     missed: bool
     in_force: Twist | None = None
-
-
-class _Times(NamedTuple):
-    """When a tick was due, when it began, and when each part in turn had answered [s]."""
-
-    due: float
-    begun: float
-    observed: float
-    asked: float
-    decided: float
 
 
 class ControlLoop:
@@ -152,10 +133,7 @@ class ControlLoop:
         self._decision: Decision | None = None
         self._sent_at = -math.inf
         self._latest = -math.inf
-        self._tally = Tally()
-        self._at = Part.CLOCK
-        self._now = self._heard = math.nan
-        self._crowded: tuple[Part, float] | None = None
+        self._watch = Watch(self._period, self._policy.max_age)
 
     @property
     def statistics(self) -> LoopStatistics:
@@ -183,23 +161,25 @@ class ControlLoop:
         if not duration >= 0.0:
             raise ConfigurationError(f"duration must be at least 0 s, got {duration!r}")
         self._begin()
+        watch = self._watch
         error: BaseException | None = None
         with caught(self._signalled):
             try:
                 ending = self._ticks(duration)
             except BaseException as failure:  # the robot may be moving, whatever it is
                 ending, error = Ending.ERROR, failure
-                self._raised(self._at, failure)
-            part = self._at if ending is Ending.OVERRUN or isinstance(error, Exception) else None
+                watch.raised(watch.at, failure)
+            blamed = ending is Ending.OVERRUN or isinstance(error, Exception)
+            part = watch.at if blamed else None
             rest = come_to_rest(
                 self._braking, self._chassis, self._clock, self._period, self._sent_at
             )
         for failed in (rest.brake_error, rest.stop_error):
             if failed is not None and failed is not error:
-                self._raised(Part.CHASSIS, failed)
+                watch.raised(Part.CHASSIS, failed)
         self.report = LoopReport(
             ending, self._decision, self.statistics, rest.braked, self._signal,
-            error, rest.brake_error, rest.stop_error, part, self._tally.failures(),
+            error, rest.brake_error, rest.stop_error, part, watch.failures(),
         )  # fmt: skip
         self._signal, self._asked = 0, False
         for raised in (error, rest.stop_error, rest.brake_error):
@@ -218,69 +198,65 @@ class ControlLoop:
 
     def _ticks(self, duration: float) -> Ending:
         clock, period, policy, record = self._clock, self._period, self._policy, self._record
-        due = self._heard = clock.now()
+        watch = self._watch
+        due = watch.heard = clock.now()
         end = due + duration
         misses = 0
         while True:
-            self._at = Part.CLOCK
-            begun = self._now = clock.now()
+            watch.at = Part.CLOCK
+            begun = watch.now = clock.now()
             if (asked := self._ending()) is not None:
                 return asked
             if begun >= end:
                 return Ending.TIMEOUT
-            self._at = Part.SENSOR
+            watch.at = Part.SENSOR
             observation = self._fresh(self._sensor.observe(), begun)
             observed = clock.now()
-            self._at = Part.CHASSIS
+            watch.at = Part.CHASSIS
             applied = self._chassis.applied()
             asked_at = clock.now()
-            self._at = Part.CONTROLLER
+            watch.at = Part.CONTROLLER
             since = time.perf_counter()
             decision = self._controller.step(observation, applied, begun)
             solve = time.perf_counter() - since
             self._decision = decision
             decided = clock.now()
-            times = _Times(due, begun, observed, asked_at, decided)
+            times = TickTimes(due, begun, observed, asked_at, decided)
             missed = decided > due + period
             misses = misses + 1 if missed else 0
             record.missed += missed
             record.skipped += max(0, math.floor((decided - due) / period))
             if (asked := self._ending()) is not None:
                 return asked
-            self._noted(decision, observation, applied, times)
+            watch.decided(decision, applied, self._braking, times)
             if misses >= (1 if policy.overrun is Overrun.STOP else policy.misses):
-                self._at = self._culprit(times)[0]
+                watch.at = watch.culprit(times)[0]
                 return Ending.OVERRUN
             outdated = decided > begun + period  # one that only began late is as good as any
-            self._at = Part.CHASSIS
+            watch.at = Part.CHASSIS
             in_force = self._changed(applied)
-            self._at = Part.CONTROLLER
+            watch.at = Part.CONTROLLER
             command = self._checked(decision, applied, in_force, outdated)
-            self._at = Part.CHASSIS
+            watch.at = Part.CHASSIS
             self._chassis.send(command)
-            self._at = Part.CLOCK
+            watch.at = Part.CLOCK
             before, self._sent_at = self._sent_at, clock.now()
             self._braking.accepted(command)
             latency = self._sent_at - observation.stamp if observation is not None else math.nan
             record.add(self._sent_at - before, begun - due, latency, solve)
             if self._on_tick is not None:
-                self._at = Part.OBSERVER
+                watch.at = Part.OBSERVER
                 self._on_tick(Tick(
                     record.ticks - 1, due, begun, self._sent_at, observation, applied, decision,
                     command, missed, in_force,
                 ))  # fmt: skip
-                self._at = Part.CLOCK
+                watch.at = Part.CLOCK
             if decision.done:
                 return Ending.DONE
             if decision.phase is Phase.FAILED and command == _REST:
                 return Ending.FAILED
             due = (self._sent_at if missed else due) + period
-            told = clock.now()
-            self._crowded = None
-            if told > due:
-                slow = self._sent_at - decided > told - self._sent_at
-                part = Part.CHASSIS if slow else Part.OBSERVER
-                self._crowded = part, max(self._sent_at - decided, told - self._sent_at)
+            watch.ended(due, decided, self._sent_at, clock.now())
             clock.sleep_until(due)
 
     def _fresh(self, observation: Observation | None, now: float) -> Observation | None:
@@ -299,7 +275,7 @@ class ControlLoop:
             self._record.stale += 1
             return None
         self._record.fresh += 1
-        self._heard = now
+        self._watch.heard = now
         return observation
 
     def _changed(self, applied: Twist) -> Twist | None:
@@ -327,49 +303,3 @@ class ControlLoop:
                 f"can reach from {applied!r}"
             )
         return decision.twist
-
-    # What failed ---------------------------------------------------------------------------
-
-    def _raised(self, part: Part, error: BaseException) -> None:
-        if isinstance(error, Exception):
-            self._tally.note(part, "raised", f"{type(error).__name__}: {error}", self._now)
-
-    def _noted(
-        self, decision: Decision, observation: Observation | None, applied: Twist, times: _Times
-    ) -> None:
-        """Note what this tick tells of the parts, though it goes on."""
-        now, note = times.begun, self._tally.note
-        silence = now - self._heard
-        if silence > self._policy.max_age:
-            note(Part.SENSOR, "silent", f"no new measurement for {silence:.1f} s", now)
-        known = self._braking.known(applied)
-        if known != applied:
-            note(Part.CHASSIS, "unusable", f"command in force given as {applied!r}", now)
-        sent = self._braking.sent
-        if known == _REST and max(abs(sent[0]), abs(sent[1])) > STANDING:
-            note(Part.CHASSIS, "stopped by itself", f"after the command {sent!r}", now)
-        answer, status = decision.answer, decision.status
-        if answer is not None and answer.health is not None and not answer.health.used:
-            health = answer.health
-            how = "gave a wrong answer" if health.refused else "gave no answer"
-            note(Part.SOLVER, how, f"{health.backend!r}: {health.note or health.status}", now)
-        if status in _FAULTS:
-            note(*_FAULTS[status], decision.reason or status.value, now)
-        elif status is Status.INVALID_INPUT and known == applied:
-            note(Part.SENSOR, "unusable", "a measurement or its stamp is not sound", now)
-        if times.decided > times.due + self._period:
-            part, duration = self._culprit(times)
-            late = f"took {duration:.3f} s of a period of {self._period:.3f} s"
-            if part is Part.CONTROLLER and answer is not None and answer.health is not None:
-                late += f", with the solver {answer.health.backend!r} in it"
-            note(part, "late", late, now)
-
-    def _culprit(self, times: _Times) -> tuple[Part, float]:
-        """Who took most of a tick that missed its deadline, and how long [s]."""
-        due, begun, observed, asked, decided = times
-        before = self._crowded or (Part.MACHINE, begun - due)
-        spent = [
-            before, (Part.SENSOR, observed - begun), (Part.CHASSIS, asked - observed),
-            (Part.CONTROLLER, decided - asked),
-        ]  # fmt: skip
-        return max(spent, key=lambda entry: entry[1])
