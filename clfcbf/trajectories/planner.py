@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +23,13 @@ from clfcbf.constraints.cbf import FieldOfViewBarrier
 from clfcbf.errors import ConfigurationError, GeometryError, LimitsError, PlanningError
 from clfcbf.guard import Guard
 from clfcbf.limits import Limits, check_period
-from clfcbf.se2 import Pose2, Twist, is_finite, wrap_angle
+from clfcbf.se2 import Pose2, Twist, is_finite
 from clfcbf.trajectories.build import approach_path, timed_path
+from clfcbf.trajectories.first_legs import PRICE, FirstLegs
 from clfcbf.trajectories.following import FollowingGains
-from clfcbf.trajectories.legs import Leg, Turn
-from clfcbf.trajectories.reversal import Reversals
+from clfcbf.trajectories.legs import Leg
 from clfcbf.trajectories.rollout import Rollout, roll_out
+from clfcbf.trajectories.sight import TOLERANCE, Sight
 from clfcbf.trajectories.tangent import Candidates, tangent_candidates
 from clfcbf.trajectories.terminal import TerminalCurves, nominal_offsets, terminal_curves
 from clfcbf.trajectories.timing import time_path
@@ -43,15 +43,6 @@ Array = NDArray[np.float64]
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
 _REST = Twist(0.0, 0.0)
 
-_VIEW_TOLERANCE = 1e-3
-"""[rad] Rounding and interpolation in a bearing: a tenth of what a plan has to spare."""
-
-_BESIDE = 0.1
-"""[m] So near to the axis an approach may come from either side."""
-
-_PRICE = 50.0
-"""[s/rad²] Of a look-ahead beyond the view, where the guard slows down: 1.5 s at 10°."""
-
 
 @dataclass(frozen=True, slots=True)
 class Plan:
@@ -59,15 +50,6 @@ class Plan:
 
     legs: tuple[Leg, ...]
     rollout: Rollout
-
-
-class _First(NamedTuple):
-    """A first leg: itself or its row in the table of reversals, and how an approach goes on."""
-
-    leg: Turn | int
-    end: Pose2
-    time: float
-    turn_rate: float
 
 
 class Planner:
@@ -116,9 +98,8 @@ class Planner:
         self.thinned = self.curves.thinned(defaults.PLAN_THIN_CURVES, defaults.PLAN_THIN_SAMPLES)
         widest = self.limits.v_max / self.limits.omega_max
         self.radii = np.array([0.25, 0.5, 1.0]) * widest
-        self.reversals = Reversals.tabulated(
-            self.limits, defaults.PLAN_REVERSES, defaults.PLAN_TURNS, defaults.PLAN_LEADS
-        )
+        self._sight = Sight(self.edge, standoff)
+        self._first_legs = FirstLegs(self._sight, self.limits, guard.lag)
 
     @property
     def feature(self) -> Pose2:
@@ -200,7 +181,7 @@ class Planner:
     def _backed_off(
         self, start: Pose2, reasons: dict[str, int]
     ) -> Iterator[tuple[float, tuple[Leg, ...]]]:
-        firsts = [*self._turns(start), *self._reversals(start)]
+        firsts = self._first_legs.choices(start)
         if not firsts:
             return
         starts = np.array([first.end for first in firsts])
@@ -216,51 +197,10 @@ class Planner:
                 continue
             taken.add(row)
             first = firsts[row]
-            leg = first.leg if isinstance(first.leg, Turn) else self.reversals.leg(first.leg, start)
             path = approach_path(
                 first.end, found, int(i), self.thinned, self.limits, first.turn_rate
             )
-            yield float(cost[i]), (leg, path)
-
-    def _turns(self, start: Pose2) -> list[_First]:
-        """Turns on the spot that keep the view, to either side."""
-        limits = self.limits
-        allowed = max(self.edge.half_angle, abs(self._bearing(start)))
-        firsts = []
-        for turn in np.radians(np.arange(-90.0, 90.1, 6.0)).tolist():
-            end = Pose2(start.x, start.y, wrap_angle(start.theta + turn))
-            if abs(turn) > 0.05 and abs(self._bearing(end)) <= allowed:
-                time = _rest_to_rest(abs(turn), limits.omega_max, limits.alpha_max)
-                firsts.append(_First(Turn(end.theta), end, time, 0.0))
-        return firsts
-
-    def _reversals(self, start: Pose2) -> list[_First]:
-        """Reversals that keep the view and go on toward the axis of the goal.
-
-        They are dearer where the guard may see them turn out of the view.
-        """
-        table, limits = self.reversals, self.limits
-        inward = (table.second * start.y <= 0.0) | (abs(start.y) < _BESIDE)
-        rows = np.flatnonzero(inward)
-        poses = table.seen_from(start, rows)
-        bearing = self._bearings(*np.moveaxis(poses, 2, 0))
-        rate = table.turn_rates[rows]
-        further = bearing - rate * (0.5 * np.abs(rate) / limits.alpha_max + self.guard.lag)
-        allowed = max(self.edge.half_angle, abs(self._bearing(start))) + _VIEW_TOLERANCE
-        beyond = np.maximum(0.0, np.abs(further).max(axis=1) - allowed)
-        # They end at full speed, which the estimate of an approach is without.
-        times = table.durations[rows] - 0.5 * limits.v_max / limits.a_max + _PRICE * beyond**2
-        return [
-            _First(
-                int(rows[k]), Pose2(x, y, wrap_angle(theta)), float(times[k]),
-                float(table.second[rows[k]]),
-            )
-            for k in np.flatnonzero(np.abs(bearing).max(axis=1) <= allowed)
-            for x, y, theta in [poses[k, -1].tolist()]
-        ]  # fmt: skip
-
-    def _bearing(self, pose: Pose2) -> float:
-        return self.edge.bearing(pose.seen((self.standoff, 0.0)))
+            yield float(cost[i]), (self._first_legs.leg(first, start), path)
 
     def _cost(
         self, found: Candidates, starts: Array, before: Array, curves: TerminalCurves,
@@ -282,12 +222,11 @@ class Planner:
         beyond = self._bearing_on_arc(found, starts, overrun)
         worst = np.maximum(end, beyond)
         reasons["no path"] += len(found) == 0
-        reasons["field of view"] += int(
-            np.count_nonzero(end > self.edge.half_angle + _VIEW_TOLERANCE)
-        )
+        outside = end > self.edge.half_angle + TOLERANCE
+        reasons["field of view"] += int(np.count_nonzero(outside))
         time += 20.0 * np.maximum(0.0, worst - math.radians(30.0)) ** 2
-        time += _PRICE * np.maximum(0.0, worst - self.camera.half_angle) ** 2
-        return np.where(end > self.edge.half_angle + _VIEW_TOLERANCE, np.inf, time)
+        time += PRICE * np.maximum(0.0, worst - self.camera.half_angle) ** 2
+        return np.where(outside, np.inf, time)
 
     def _bearing_on_arc(self, found: Candidates, starts: Array, overrun: Array | float) -> Array:
         """Magnitude of the bearing where each arc ends, or ``overrun`` [rad] further on it."""
@@ -295,23 +234,7 @@ class Planner:
         end = theta + found.swept + np.sign(found.radius) * overrun
         px = x - found.radius * (np.sin(theta) - np.sin(end))
         py = y + found.radius * (np.cos(theta) - np.cos(end))
-        return np.abs(self._bearings(px, py, end))
-
-    def _bearings(self, x: Array, y: Array, theta: Array) -> Array:
-        """Bearing of the feature from many poses [rad]."""
-        cx, cy, yaw = self.edge.camera
-        eye_x = x + cx * np.cos(theta) - cy * np.sin(theta)
-        eye_y = y + cx * np.sin(theta) + cy * np.cos(theta)
-        bearing = np.arctan2(-eye_y, self.standoff - eye_x) - theta - yaw
-        wrapped: Array = np.mod(bearing + np.pi, 2.0 * np.pi) - np.pi
-        return wrapped
-
-
-def _rest_to_rest(distance: float, speed: float, acceleration: float) -> float:
-    """Time of a trapezoidal motion [s]."""
-    if distance * acceleration < speed * speed:
-        return 2.0 * math.sqrt(distance / acceleration)
-    return distance / speed + speed / acceleration
+        return np.abs(self._sight.bearings(px, py, end))
 
 
 def plan_approach(
