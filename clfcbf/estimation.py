@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clfcbf.scene import Covariance, Observation
-from clfcbf.se2 import Point, Pose2, Twist, arc, wrap_angle
+from clfcbf.se2 import Point, Pose2, Twist, arc, is_finite, wrap_angle
 
 __all__ = [
     "DeadReckoning",
@@ -39,6 +39,9 @@ __all__ = [
 
 _FLOOR = 1e-14
 """[m², rad²] Variance added to any measurement, so that an exact one can be inverted."""
+
+_INDEFINITE = 1e-9
+"""Share of the largest entry by which rounding may leave an eigenvalue below zero."""
 
 SETTLED = 15
 """Measurements, half a second of them, after which flipped ones no longer outvote an estimate:
@@ -252,15 +255,27 @@ def is_covariance(values: Covariance) -> bool:
     All zeros, which some drivers send for "unknown", are not.
     """
     try:
-        matrix = np.asarray(values, dtype=float)
+        (xx, xy, xt), (yx, yy, yt), (tx, ty, tt) = [[float(x) for x in row] for row in values]
     except (TypeError, ValueError):
         return False
-    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+    entries = (xx, xy, xt, yx, yy, yt, tx, ty, tt)
+    largest = max(map(abs, entries))
+    if not (is_finite(entries) and largest > 0.0):
         return False
-    largest = float(np.abs(matrix).max())
-    symmetric = bool(np.allclose(matrix, matrix.T, rtol=1e-6, atol=1e-9 * largest))
-    least = float(np.linalg.eigvalsh(0.5 * (matrix + matrix.T)).min())
-    return largest > 0.0 and symmetric and least >= -1e-9 * largest
+    a, b, c = xx / largest, yy / largest, tt / largest
+    for upper, lower in ((xy, yx), (xt, tx), (yt, ty)):
+        if not abs(upper - lower) <= 1e-6 * abs(lower) + _INDEFINITE * largest:
+            return False
+    d, e, f = (0.5 * (u / largest + v / largest) for u, v in ((xy, yx), (xt, tx), (yt, ty)))
+    # The pivots of the elimination are positive where the eigenvalues are.
+    first = a + _INDEFINITE
+    if not first > 0.0:
+        return False
+    second = b + _INDEFINITE - d * d / first
+    if not second > 0.0:
+        return False
+    beside = f - d * e / first
+    return c + _INDEFINITE - e * e / first - beside * beside / second >= 0.0
 
 
 def spread(covariance: Covariance, theta: float) -> tuple[float, float, float]:

@@ -3,7 +3,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from clfcbf import defaults
@@ -13,6 +13,7 @@ from clfcbf.estimation import (
     body_after,
     coast,
     grown,
+    is_covariance,
     measured,
     motion_since,
     reckoned,
@@ -180,3 +181,44 @@ def test_noise_is_turned_into_the_reckoning_frame():
     estimate, _ = measured(None, observation(Pose2(2.0, 0.0, 0.0), 0.0, long), facing_left, MODEL)
     assert estimate.covariance[1][1] == pytest.approx(0.04)
     assert estimate.covariance[0][0] == pytest.approx(1e-6)
+
+
+entries = st.floats(-2.0, 2.0).map(lambda x: round(x, 3))
+powers = st.integers(-6, 6).map(lambda k: 10.0**k)
+
+
+@given(
+    st.lists(entries, min_size=9, max_size=9), st.lists(powers, min_size=3, max_size=3),
+    st.integers(1, 3), st.sampled_from([0.0, 1e-12, 1e-6, 1e-2, 0.5]),
+)  # fmt: skip
+def test_a_covariance_has_no_negative_eigenvalue(numbers, scales, rank, taken):
+    """Also one of low rank; and what is taken off its diagonal is noticed, rounding left aside."""
+    root = np.array(numbers).reshape(3, 3)[:, :rank] * np.array(scales)[:, None]
+    matrix = root @ root.T
+    assume(matrix.any())
+    matrix -= taken * np.abs(matrix).max() * np.eye(3)
+    largest = np.abs(matrix).max()
+    least = float(np.linalg.eigvalsh(matrix / largest).min())
+    assume(not -2e-9 < least < -5e-10)
+    assert is_covariance(matrix.tolist()) == (least >= -1e-9)
+    assert is_covariance(matrix) == (least >= -1e-9)
+
+
+@pytest.mark.parametrize("place", [(0, 1), (0, 2), (1, 2)])
+def test_a_covariance_is_symmetric(place):
+    matrix = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, -0.5], [0.5, -0.5, 2.0]])
+    assert is_covariance(matrix)
+    matrix[place] *= 1.0 + 1e-7
+    assert is_covariance(matrix)
+    matrix[place] *= 1.0 + 1e-5
+    assert not is_covariance(matrix)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [None, "abc", ((1, 2), (3, 4)), [[1.0, 0.0, 0.0]] * 2, np.zeros((3, 3)),
+     np.full((3, 3), math.nan), np.diag([1.0, math.inf, 1.0]), [[1, 0, 0], [0, 1, 0], [0, 0, "x"]],
+     np.diag([1.0, -1.0, 1.0]), np.diag([-1.0, 1.0, 1.0]), np.diag([1.0, 1.0, -1.0])],
+)  # fmt: skip
+def test_what_is_no_covariance(values):
+    assert not is_covariance(values)

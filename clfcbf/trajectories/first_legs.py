@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -57,9 +58,7 @@ class FirstLegs:
         self._sight = sight
         self._limits = limits
         self._lag = lag
-        self._reversals = Reversals.tabulated(
-            limits, defaults.PLAN_REVERSES, defaults.PLAN_TURNS, defaults.PLAN_LEADS
-        )
+        self._reversals = _table(limits)
 
     def choices(self, start: Pose2) -> list[FirstLeg]:
         """All of them from ``start``."""
@@ -102,6 +101,14 @@ class FirstLegs:
             end = Pose2(x, y, wrap_angle(theta))
             legs.append(FirstLeg(row, end, float(times[k]), float(table.second[row])))
         return legs
+
+
+@lru_cache(maxsize=8)
+def _table(limits: Limits) -> Reversals:
+    """Tabulated once for the same limits: it takes as long as fifty ticks."""
+    return Reversals.tabulated(
+        limits, defaults.PLAN_REVERSES, defaults.PLAN_TURNS, defaults.PLAN_LEADS
+    )
 
 
 def _rest_to_rest(distance: float, speed: float, acceleration: float) -> float:

