@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from clfcbf.camera import FieldOfView
 from clfcbf.controller import DockingController
-from clfcbf.decision import Decision, Phase, Status
+from clfcbf.decision import Decision, Event, Phase, Status
 from clfcbf.errors import ConfigurationError, LimitsError
 from clfcbf.hardware.clocks import MonotonicClock
 from clfcbf.hardware.conformance import check_chassis, check_clock, check_sensor
@@ -859,6 +859,13 @@ def test_a_silent_sensor_is_named_though_the_run_goes_on():
     assert failure.first == pytest.approx(103.0, abs=0.15)
     assert failure.last == pytest.approx(104.0, abs=0.15)
     assert failure.ticks == pytest.approx((failure.last - failure.first) / PERIOD + 1, abs=0.1)
+
+
+def test_a_sensor_that_is_missed_sooner_is_named_sooner():
+    """Near the goal a controller stops before the patience is over, and says so."""
+    loop, _ = loop_of(deciding(events=(Event.UNCERTAIN,)), FakeClock())
+    (failure,) = loop.run(duration=0.5).failures
+    assert (failure.part, failure.what) == (Part.SENSOR, "silent")
 
 
 def deciding(**fields):

@@ -225,6 +225,9 @@ def _sensor(case: Case) -> dict[str, Any]:
             named = _named(course.failures, Part.SENSOR, "raised", "/dev/video0")
             return _outcome(case, rig, course, result, named, 2.0 * case.setting.period)
         named = _named(course.failures, Part.SENSOR, "silent")
+        blind = rig.witness.halted - case.killed_at < defaults.PATIENCE
+        if not named and blind and len(course.reports) == 1 and result and result.success:
+            named = "docked before it was missed"
         return _outcome(case, rig, course, result, named, defaults.PATIENCE + case.setting.period)
     finally:
         rig.close()

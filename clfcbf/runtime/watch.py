@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from clfcbf.decision import Decision, Status
+from clfcbf.decision import Decision, Event, Status
 from clfcbf.runtime.braking import Braking
 from clfcbf.runtime.parts import Part, PartFailure, Tally
 from clfcbf.se2 import Twist
@@ -77,7 +77,8 @@ class Watch:
         """
         now, note = times.begun, self._tally.note
         silence = now - self.heard
-        if silence > self._patience:
+        # Near the goal a controller stops for want of measurements before that.
+        if silence > self._patience or Event.UNCERTAIN in decision.events:
             note(Part.SENSOR, "silent", f"no new measurement for {silence:.1f} s", now)
         known = braking.known(applied)
         if known != applied:
