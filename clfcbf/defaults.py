@@ -115,11 +115,17 @@ PLAN_ERROR = 0.006
 PLAN_ERROR_THETA = math.radians(1.0)
 """[rad] As above, for the heading."""
 
+PLAN_PAST = 0.01
+"""[m] By which a predicted motion may run past the goal, behind which stands what is docked to."""
+
 PLAN_REVERSES = (
     0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.7, 0.8, 1.0, 1.2, 1.5,
 )  # fmt: skip
 """[m] Lengths driven in reverse before an approach; the fastest need up to 0.6 m, one start of 400
 in R5, beside the goal and turned by 55°, more than 1 m."""
+
+PLAN_BACKS = (0.1, 0.2, 0.35, 0.5, 0.8)
+"""[m] Lengths driven straight back to a stop: for small corrections at the goal."""
 
 PLAN_TURNS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Shares of the turn rate in reverse and through the change of gear."""

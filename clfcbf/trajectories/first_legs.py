@@ -1,4 +1,4 @@
-"""First legs, from where the view forbids to go forward: turns on the spot and reversals."""
+"""First legs, from where an approach cannot begin forward: turns on the spot and ways back."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import numpy as np
 from clfcbf import defaults
 from clfcbf.limits import Limits
 from clfcbf.se2 import Pose2, wrap_angle
-from clfcbf.trajectories.legs import Leg, Turn
+from clfcbf.trajectories.build import arc_path
+from clfcbf.trajectories.legs import Leg, Path, Turn
 from clfcbf.trajectories.reversal import Reversals
 from clfcbf.trajectories.sight import Sight
 
@@ -32,13 +33,13 @@ class FirstLeg(NamedTuple):
 
     Attributes
     ----------
-    choice : the leg itself, or its row in the table of reversals
+    choice : the leg itself, or its row in the table of reversals, which go on at speed
     end : pose at its end
     time : it takes, before an approach from rest [s]
     turn_rate : with which it ends [rad/s]
     """
 
-    choice: Turn | int
+    choice: Turn | Path | int
     end: Pose2
     time: float
     turn_rate: float
@@ -62,12 +63,12 @@ class FirstLegs:
 
     def choices(self, start: Pose2) -> list[FirstLeg]:
         """All of them from ``start``."""
-        return [*self._turns(start), *self._backward(start)]
+        return [*self._turns(start), *self._straight_back(start), *self._backward(start)]
 
     def leg(self, first: FirstLeg, start: Pose2) -> Leg:
         """A first leg chosen from ``start``, to be driven."""
         choice = first.choice
-        return choice if isinstance(choice, Turn) else self._reversals.leg(choice, start)
+        return self._reversals.leg(choice, start) if isinstance(choice, int) else choice
 
     def _turns(self, start: Pose2) -> list[FirstLeg]:
         """Turns on the spot, to either side."""
@@ -78,6 +79,16 @@ class FirstLegs:
             if abs(turn) > 0.05 and abs(self._sight.bearing(end)) <= widest:
                 time = _rest_to_rest(abs(turn), limits.omega_max, limits.alpha_max)
                 legs.append(FirstLeg(Turn(end.theta), end, time, 0.0))
+        return legs
+
+    def _straight_back(self, start: Pose2) -> list[FirstLeg]:
+        """Ways straight back to a stop, best for small corrections at the goal."""
+        limits, legs = self._limits, []
+        for length in defaults.PLAN_BACKS if limits.reverse_speed < 0.0 else ():
+            path = arc_path(start, length, 0.0, limits, -1)
+            if abs(self._sight.bearing(path.end)) <= self._sight.widest(start):
+                time = _rest_to_rest(length, -limits.reverse_speed, limits.a_max)
+                legs.append(FirstLeg(path, path.end, time, 0.0))
         return legs
 
     def _backward(self, start: Pose2) -> list[FirstLeg]:

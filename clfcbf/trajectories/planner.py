@@ -3,9 +3,9 @@
 Forward approaches (an arc, a line, a terminal curve) are ranked by an estimate of their time;
 the best are driven in simulation and the fastest that arrives is taken. Where none does, the
 closed-form path of :mod:`~clfcbf.trajectories.visible` is tried, and then approaches after a
-first leg that turns on the spot or reverses. The geometry of the view demands one close to the
-goal: going forward with bearings up to the edge, the direction of the approach
-can change by no more than the integral of ``tan(edge) d ln(range)``.
+first leg that turns on the spot or goes back. The geometry of the view demands one close to the
+goal: going forward with bearings up to the edge, the direction of the approach can change by no
+more than the integral of ``tan(edge) d ln(range)``.
 """
 
 from __future__ import annotations
@@ -136,8 +136,10 @@ class Planner:
                 patience=estimate + defaults.PLAN_PATIENCE,
             )  # fmt: skip
             x, y, theta = rollout.error
+            farthest = max(pose.x for pose in rollout.poses)
             if not (
                 rollout.arrived
+                and farthest <= max(defaults.PLAN_PAST, start.x)
                 and math.hypot(x, y) < defaults.PLAN_ERROR
                 and abs(theta) < defaults.PLAN_ERROR_THETA
             ):
@@ -185,6 +187,12 @@ class Planner:
         times = np.array([first.time for first in firsts])
         found = tangent_candidates(starts, self.radii[[0, 2]], self.thinned)
         cost = self._cost(found, starts, times, self.thinned, reasons)
+        # A reversal ends at full speed, from which the rest of the way has to be enough to stop.
+        moving = np.array([isinstance(first.choice, int) for first in firsts])[found.start]
+        rest = np.abs(found.swept * found.radius) + found.straight
+        rest += self.thinned.to_go[found.curve, found.sample]
+        stop = 0.5 * self.limits.v_max**2 / self.limits.a_max
+        cost = np.where(moving & (rest < stop), np.inf, cost)
         taken: set[int] = set()
         for i in np.argsort(cost):
             row = int(found.start[i])

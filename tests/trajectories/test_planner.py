@@ -302,3 +302,13 @@ def test_the_view_keeps_a_rollout_honest():
     rollout = roll_out(legs, start, Pose2(*FEATURE, 0.0), guard, 0.0, FollowingGains())
     assert rollout.guarded > 0
     assert rollout.clearance >= 0.0
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.floats(-0.06, 0.025), st.floats(-0.03, 0.03), st.floats(-0.08, 0.08))
+def test_small_errors_at_the_goal_are_corrected_without_running_past_it(x, y, theta):
+    """Behind the goal stands what is docked to; from past it the way is back first."""
+    start = Pose2(x, y, theta)
+    plan = PLANNER.plan(start)
+    check_plan(plan, start, PLANNER, CAMERA)
+    assert max(pose.x for pose in plan.rollout.poses) <= max(x, defaults.PLAN_PAST)
