@@ -240,3 +240,5 @@ def test_a_limit_too_small_to_count_with_is_refused(name):
     assert least.brake_ticks(Twist(0.2, 0.4), 1e-3) > 0
     with pytest.raises(LimitsError, match=f"{name} must be at least 1e-09, got 5e-324"):
         Limits(**{**values, name: 5e-324})
+    with pytest.raises(LimitsError, match=f"{name} must be finite and positive, got 0.0"):
+        Limits(**{**values, name: 0.0})

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from clfcbf.qp.chord import box_scale, chord
 from clfcbf.qp.lexicographic import minimise
 from clfcbf.qp.objective import cost, ill_conditioned, line_minimum, minimiser, nearest_on_edge
 from clfcbf.qp.polygon import Delicate, box_polygon, clip
@@ -532,3 +533,135 @@ def test_degenerate_boxes():
     assert sorted(box_polygon(-1.0, -1.0, -2.0, 3.0)) == [(-1.0, -2.0), (-1.0, 3.0)]
     assert sorted(box_polygon(-3.0, 1.0, -2.0, -2.0)) == [(-3.0, -2.0), (1.0, -2.0)]
     assert box_polygon(-3.0, 1.0, -2.0, 4.0) == [(-3.0, -2.0), (1.0, -2.0), (1.0, 4.0), (-3.0, 4.0)]
+
+
+BOXES = [
+    (-0.1, 0.3, -0.2, 0.3),
+    (5.0, 5.25, -0.125, 0.125),
+    (-5.25, -5.0, -0.125, 0.125),
+    (-0.125, 0.125, 5.0, 5.25),
+    (-0.125, 0.125, -5.25, -5.0),
+]
+
+
+def chord_exactly(box, row, taken):
+    """Both ends of a line in a box and half-planes, in fractions; None where it misses them."""
+    a, c, b = map(Fraction, row)
+    x, y = (side * b / (a * a + c * c) for side in (a, c))
+    v_lo, v_hi, w_lo, w_hi = map(Fraction, box)
+    sides = [(1, 0, v_hi), (-1, 0, -v_lo), (0, 1, w_hi), (0, -1, -w_lo)]
+    lows, highs = [], []
+    for d, e, f in (*sides, *(map(Fraction, other) for other in taken)):
+        rate, gap = a * e - c * d, f - d * x - e * y
+        if rate:
+            (highs if rate > 0 else lows).append(gap / rate)
+        elif gap < 0:
+            return None
+    if max(lows) > min(highs):
+        return None
+    return [(x - c * t, y + a * t) for t in (max(lows), min(highs))]
+
+
+def answered(box, row, point, taken):
+    """Whether floats answer; when they do, it is what fractions say."""
+    try:
+        found = chord(box, row, *point, taken)
+    except Delicate:
+        return False
+    ends = chord_exactly(box, row, taken)
+    assert (found is None) == (ends is None)
+    if found is not None:
+        x, y, *limits = found
+        for t, (v, w) in zip(limits, ends, strict=True):
+            tolerance = 1e-12 * box_scale(*box)
+            assert abs(x - row[1] * t - float(v)) <= tolerance
+            assert abs(y + row[0] * t - float(w)) <= tolerance
+    return True
+
+
+def drift(box, angle):
+    """How far two lines at an angle may part within a box, and what rounding adds."""
+    return 2.0 * (box[1] - box[0] + box[3] - box[2]) * abs(angle) + 2.0**-40 * box_scale(*box)
+
+
+SMALL_ANGLES = [0.0, 1e-9, -1e-9, 1e-5, -1e-5, 2.0**-11, -(2.0**-11)]
+SHARES = [-3.0, -1.2, -0.8, -0.4, -0.1, 0.1, 0.4, 0.8, 1.2, 3.0]
+
+
+@pytest.mark.parametrize("box", BOXES)
+@pytest.mark.parametrize("side", range(4))
+def test_a_line_along_a_side_of_the_box_is_in_or_out_or_left_to_fractions(box, side):
+    outward = (0.0, math.pi, math.pi / 2, -math.pi / 2)[side]
+    end = box[(1, 0, 3, 2)[side]]
+    middle = 0.5 * (box[2] + box[3]) if side < 2 else 0.5 * (box[0] + box[1])
+    for angle in SMALL_ANGLES:
+        for share in SHARES:
+            past = end + share * drift(box, angle) * (1.0, -1.0, 1.0, -1.0)[side]
+            through = (past, middle) if side < 2 else (middle, past)
+            for length in (1.0, -7.0):
+                a, c = direction(outward + angle, length)
+                if not angle:
+                    a, c = round(a), round(c)
+                row = (a, c, a * through[0] + c * through[1])
+                for point in box_polygon(*box):
+                    assert answered(box, row, point, []) or abs(share) < 2.0
+
+
+@pytest.mark.parametrize("box", BOXES)
+@pytest.mark.parametrize("heading", [0.3, 2.5, -1.1, math.pi / 4, -math.pi / 4, 3 * math.pi / 4])
+def test_a_line_along_a_row_keeps_or_breaks_it_or_is_left_to_fractions(box, heading):
+    """Whatever the length of that row; at a large angle the row cuts off one end."""
+    middle = (0.5 * (box[0] + box[1]), 0.5 * (box[2] + box[3]))
+    row = (*direction(heading, 2.0),)
+    row = (*row, row[0] * middle[0] + row[1] * middle[1])
+    normal = direction(heading)
+    for angle in (*SMALL_ANGLES[1:], 2.0**-9, -0.7, 1.2):
+        for share in SHARES:
+            past = share * drift(box, angle if abs(angle) < 1e-3 else 1e-3)
+            place = (middle[0] + past * normal[0], middle[1] + past * normal[1])
+            for turned in (angle, angle + math.pi):
+                for length in (1.0, 2.0**-530, 2.0**40):
+                    a, c = direction(heading + turned, length)
+                    other = (a, c, a * place[0] + c * place[1])
+                    for point in (middle, (box[0], box[3])):
+                        told = answered(box, row, point, [(0.0, 0.0, 1.0), other])
+                        assert told or (abs(share) < 2.0 and abs(angle) < 1e-3)
+
+
+@pytest.mark.parametrize("box", BOXES)
+@pytest.mark.parametrize("corner", range(4))
+def test_a_line_that_cuts_off_next_to_nothing_is_left_to_fractions(box, corner):
+    v, w = box_polygon(*box)[corner]
+    middle = (0.5 * (box[0] + box[1]), 0.5 * (box[2] + box[3]))
+    a, c = math.copysign(1.0, v - middle[0]), math.copysign(1.0, w - middle[1])
+    for length, told in ((0.5, False), (2.0, True)):
+        inside = length * 2.0**-40 * box_scale(*box) / 2.0
+        row = (a, c, a * v + c * w - inside * math.sqrt(2.0))
+        assert answered(box, row, middle, []) is told
+        assert answered(box, tuple(3.0 * entry for entry in row), middle, []) is told
+
+
+@pytest.mark.parametrize("box", BOXES)
+def test_the_scale_of_a_box_exceeds_its_coordinates(box):
+    assert box_scale(*box) >= max(map(abs, box))
+    assert box_scale(*box) <= 4.0 * max(map(abs, box))
+
+
+@pytest.mark.parametrize("scale", [2.0**-530, 2.0**-1000])
+@pytest.mark.parametrize(
+    "cut", [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 2), (-2, 1), (2, -1), (-1, -1)]
+)
+def test_a_short_row_cuts_as_a_long_one_does(cut, scale):
+    """Its squared length is zero in floats."""
+    box, row, point = (-0.1, 0.3, -0.2, 0.3), (3.0, 1.0, 0.25), (0.05, 0.1)
+    long = (*map(float, cut), cut[0] * point[0] + cut[1] * point[1])
+    assert answered(box, row, point, [long])
+    short = tuple(scale * entry for entry in long)
+    assert chord(box, row, *point, [short]) == chord(box, row, *point, [long])
+
+
+@pytest.mark.parametrize("factor", [1.0, 3.0, 0.1])
+def test_a_line_keeps_its_own_row_and_copies_of_it_without_fractions(factor):
+    box, row, point = (-0.1, 0.3, -0.2, 0.3), (3.0, 1.0, 0.25), (0.05, 0.1)
+    copy = tuple(factor * entry for entry in row)
+    assert chord(box, row, *point, [copy]) == chord(box, row, *point, [])

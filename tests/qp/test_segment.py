@@ -116,3 +116,46 @@ def test_the_level_that_leaves_nothing_is_named():
     assert project_on_segment(objective, box, [[up], [down]]) == 1
     assert project_on_segment(objective, box, [[slow], [up]]) == 0
     assert project_on_segment(objective, box, [[up], [(0.0, 0.0, 1.0)]]) == (0.1, 0.2)
+
+
+def free(upright, held, other):
+    """Command, coefficients or such, where the first input (or the second) has one value."""
+    return (held, other) if upright else (other, held)
+
+
+@pytest.mark.parametrize("upright", [True, False])
+@pytest.mark.parametrize("across", [1.0, -1.0, 0.125])
+@pytest.mark.parametrize("along", [0.002, -0.002, 1.0, -1.0, 1e-9, -1e-9])
+@pytest.mark.parametrize("past", [-0.7, 0.0, 0.3, 0.7])
+def test_a_row_that_cuts_an_end_off_by_next_to_nothing(reference, upright, across, along, past):
+    """By less than its residual is rounded; at a small angle that is a piece worth 1e-12."""
+    box = (0.1, 0.1, -0.2, 0.2) if upright else (-0.2, 0.2, 0.1, 0.1)
+    end = math.copysign(0.2, along)
+    b = across * 0.1 + along * end - past * 0.6 * 2.0**-40 * (abs(across) + abs(along))
+    row, nominal = (*free(upright, across, along), b), free(upright, 0.1, 3.0 * end)
+    answer = solve_lexicographic(WEIGHT, nominal, box, [[row]])
+    point, _ = reference.lexicographic(WEIGHT, nominal, box, [[row]])
+    assert abs(Fraction(answer.v) - point[0]) <= 1e-12
+    assert abs(Fraction(answer.omega) - point[1]) <= 1e-12
+
+
+@pytest.mark.parametrize("upright", [True, False])
+@pytest.mark.parametrize("across", [3.0, -3.0])
+@pytest.mark.parametrize("along", [3e-7, -3e-7])
+def test_a_soft_row_that_hardly_depends_on_the_free_input(reference, upright, across, along):
+    """Under a large penalty the digits it has lost would move the command."""
+    box = (0.1, 0.1, -0.2, 0.2) if upright else (-0.2, 0.2, 0.1, 0.1)
+    for shift in (1e-8, -2e-8, 5e-8):
+        soft = (*free(upright, across, along), across * 0.1 + shift)
+        nominal = free(upright, 0.1, 0.07)
+        answer = paper_program(WEIGHT, nominal, box, [], soft, 1e13)
+        point = reference.paper(WEIGHT, nominal, box, [], soft, 1e13)
+        assert abs(Fraction(answer.v) - point[0]) <= 1e-12
+        assert abs(Fraction(answer.omega) - point[1]) <= 1e-12
+
+
+def test_of_a_box_that_is_one_point_no_minimum_is_asked():
+    for nominal in ((0.5, 0.5), (1e9, -1e9)):
+        objective = (1.0, 1.0 - 1e-15, 1.0, *nominal, 0.0, 0.0, 0.0, 0.0)
+        box = (0.1, 0.1, -0.2, -0.2)
+        assert project_on_segment(objective, box, [[(1.0, 1.0, 5.0)]]) == (0.1, -0.2)
