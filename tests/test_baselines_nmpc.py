@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_are
 
 from benchmarks.baselines import Setup, method_named
-from benchmarks.baselines.law import View
+from benchmarks.baselines.law import Answer, View
 from benchmarks.baselines.nmpc import MPC_CBF, NMPC, NMPC_STRONG, NmpcLaw
 from benchmarks.baselines.nmpc_parameters import NmpcParameters, approach_cost
 from benchmarks.baselines.nmpc_program import Nmpc, NmpcPlan
@@ -241,7 +241,7 @@ def view_at(time):
 
 def test_a_failed_solve_sends_the_rest_of_the_last_plan_and_then_rest():
     law = NmpcLaw(Unsolved(1))
-    assert law.command(view_at(5.0)) == (Twist(0.1, 0.0), False, "", True)
+    assert law.command(view_at(5.0)) == Answer(Twist(0.1, 0.0))
     expected = {5.05: (0.1, 0.0), 5.15: (0.2, 0.1), 5.25: (0.05, 0.0), 5.35: (0.0, 0.0)}
     for now, command in expected.items():
         answer = law.command(view_at(now))

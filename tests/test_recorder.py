@@ -910,7 +910,7 @@ def there_and_back(session, loop):
 
 def test_a_step_of_a_tick_that_something_ended_is_not_taken_for_the_next_one_s(tmp_path):
     path = tmp_path / "run.mcap"
-    parts, controller = robot(Pose2(-1.0, 0.05, 0.0))
+    controller = robot(Pose2(-1.0, 0.05, 0.0))[1]
     box = LIMITS["approaching"].input_box(REST, PERIOD)
     with FlightRecorder(path, controller.config) as recorder:
         watch = SessionRecorder(recorder)
