@@ -97,7 +97,7 @@ def _tracked(
     if isinstance(motion, Status):
         return stop(begun, motion, base)
     pose, twist = reference
-    total = sum(pose) + sum(twist)
+    total = pose[0] + pose[1] + pose[2] + twist[0] + twist[1]
     if total - total != 0.0:  # NaN and infinity alike
         return stop(begun, Status.INVALID_INPUT, base)
     ahead = motion.moved(begun.reckoning.body, base.lag)

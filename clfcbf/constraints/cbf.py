@@ -86,16 +86,18 @@ def half_plane_rows(
 
     ``names`` has one name a row; the values are h [m].
     """
-    u_x, u_y = point_velocity
-    coefficients: tuple[Row, ...] = ()
-    values: tuple[float, ...] = ()
+    coefficients: list[Row] = []
+    values: list[float] = []
     for x, y in points:
         for n_x, n_y, offset in edges:
             h = n_x * x + n_y * y - offset
-            b = gain * h + n_x * u_x + n_y * u_y
-            values += (h,)
-            coefficients += ((n_x, n_y * x - n_x * y, b),)
-    return _new(Rows, (names, coefficients, _SAFETY, values))
+            values.append(h)
+            coefficients.append((n_x, n_y * x - n_x * y, gain * h))
+    u_x, u_y = point_velocity
+    if u_x or u_y:
+        drifts = [n_x * u_x + n_y * u_y for _ in points for n_x, n_y, _ in edges]
+        coefficients = [(a, c, b + d) for (a, c, b), d in zip(coefficients, drifts, strict=True)]
+    return _new(Rows, (names, tuple(coefficients), _SAFETY, tuple(values)))
 
 
 def edge_rows(

@@ -53,7 +53,10 @@ def solve_ladder(
     BackendError : no backend has that name
     MissingExtraError : the backend's package is not installed
     """
-    many = sum(map(len, levels)) > MANY
+    count = 0
+    for rows in levels:
+        count += len(rows)
+    many = count > MANY
     exact = (solve_many if many else solve_lexicographic)(weight, nominal, box, levels)
     if exact is None or backend == "exact":
         return exact
