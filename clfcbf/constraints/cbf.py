@@ -93,8 +93,8 @@ def half_plane_rows(
             h = n_x * x + n_y * y - offset
             values.append(h)
             coefficients.append((n_x, n_y * x - n_x * y, gain * h))
-    u_x, u_y = point_velocity
-    if u_x or u_y:
+    if point_velocity is not _AT_REST:
+        u_x, u_y = point_velocity
         drifts = [n_x * u_x + n_y * u_y for _ in points for n_x, n_y, _ in edges]
         coefficients = [(a, c, b + d) for (a, c, b), d in zip(coefficients, drifts, strict=True)]
     return _new(Rows, (names, tuple(coefficients), _SAFETY, tuple(values)))
