@@ -37,6 +37,7 @@ from clfcbf.ros2 import Action, DdsTransport, DetectionFrame, Goal, SimulatedRob
 from clfcbf.ros2.messages import PoseStamped
 from clfcbf.ros2.simulated import TRUTH
 from clfcbf.ros2.transport import EVENTS, LOCALHOST
+from clfcbf.simulation.judge import is_docked
 from clfcbf.simulation.kinematic import KinematicPlant
 from clfcbf.simulation.mujoco_plant import MujocoPlant
 from clfcbf.simulation.plant import Body
@@ -57,9 +58,6 @@ START_UP = 20.0
 
 TASK = 240.0
 """[s] For a task, retries included."""
-
-LINEAR, ANGULAR = 0.030, math.radians(5.0)
-"""[m, rad] The paper's criterion of a docking that succeeded."""
 
 UNDOCKED = 0.05
 """[m] By which the way out may differ from the staging pose's distance: Nav2's tolerance."""
@@ -204,11 +202,10 @@ def perform(run: Run, folder: Path) -> dict[str, Any]:
             judge.close()
             transport.close()
     replays = [replay(read_log(path)) for path in sorted(folder.glob("*.mcap"))]
-    near = math.hypot(at.x, at.y) < LINEAR and abs(at.theta) < ANGULAR
     away = abs(math.hypot(out.x - at.x, out.y - at.y) - 0.7) < UNDOCKED
     return {
         "index": run.index, "start": list(start),
-        "success": bool(docked["success"] and near and undocked["success"] and away),
+        "success": bool(docked["success"] and is_docked(at) and undocked["success"] and away),
         "docked": dict(docked), "undocked": dict(undocked),
         "e_lon_mm": 1e3 * at.x, "e_lat_mm": 1e3 * at.y, "e_theta_deg": math.degrees(at.theta),
         "backed_out_m": math.hypot(out.x - at.x, out.y - at.y),

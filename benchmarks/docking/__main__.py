@@ -7,7 +7,6 @@ status is 0 whenever the campaign ran to its end, whatever it found.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import time
 from collections.abc import Sequence
@@ -15,12 +14,13 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from benchmarks.command import exit_status
 from benchmarks.docking import campaign
 from benchmarks.docking.engine import ENGINES, records
 from benchmarks.docking.report import success_table, write_report
 from benchmarks.docking.store import Store, load
 from clfcbf.cli import usable_cores
-from clfcbf.errors import ClfcbfError, ConfigurationError, MissingExtraError
+from clfcbf.errors import ConfigurationError, MissingExtraError
 from clfcbf.report import check_writable
 
 __all__ = ["main"]
@@ -28,23 +28,13 @@ __all__ = ["main"]
 CHECKPOINT = 60.0
 """[s] Between two writings of the files: what an interruption costs at most, beside the runs."""
 
-USAGE_ERROR, INTERRUPTED = 2, 130
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the campaign or make its report; 0 whatever came out."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    try:
-        return _report(given[1:]) if given[:1] == ["report"] else _compare(given)
-    except ClfcbfError as error:
-        print(f"docking: {error}", file=sys.stderr)
-        return USAGE_ERROR
-    except BrokenPipeError:  # such as of "| head": the interpreter must not flush again at exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except KeyboardInterrupt:
-        print("docking: interrupted; --resume goes on from the JSON file", file=sys.stderr)
-        return INTERRUPTED
+    if given[:1] == ["report"]:
+        return exit_status("docking", lambda: _report(given[1:]))
+    return exit_status("docking", lambda: _compare(given))
 
 
 def _parser() -> argparse.ArgumentParser:

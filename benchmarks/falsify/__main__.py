@@ -17,13 +17,14 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
+from benchmarks.command import at_least, exit_status
 from benchmarks.falsify import paper
 from benchmarks.falsify.assumptions import names_of
 from benchmarks.falsify.campaign import Run
 from benchmarks.falsify.engine import ENGINES, campaign, engine
 from benchmarks.falsify.report import document, replay, table
 from clfcbf import defaults
-from clfcbf.errors import ClfcbfError, ConfigurationError, MissingExtraError
+from clfcbf.errors import ConfigurationError, MissingExtraError
 from clfcbf.plots import check_format
 from clfcbf.report import check_writable, versions, write_json
 
@@ -32,31 +33,20 @@ __all__ = ["main"]
 CHECKPOINT = 60.0
 """[s] Between two writings of the JSON: what an interruption costs at most, beside the runs."""
 
-USAGE_ERROR, INTERRUPTED = 2, 130
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmark; 0 whatever it found."""
     options = _parser().parse_args(arguments)
-    try:
-        return _replay(options) if options.replay else _attack(options)
-    except ClfcbfError as error:
-        print(f"falsify: {error}", file=sys.stderr)
-        return USAGE_ERROR
-    except BrokenPipeError:  # such as of "| head": the interpreter must not flush again at exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except KeyboardInterrupt:
-        print("falsify: interrupted; --resume goes on from the JSON file", file=sys.stderr)
-        return INTERRUPTED
+    run = _replay if options.replay else _attack
+    return exit_status("falsify", lambda: run(options))
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="benchmarks.falsify", description=__doc__)
     add = parser.add_argument
-    add("--steps", type=_at_least(1), default=200_000, help="ticks in the declared assumptions")
-    add("--seed", type=_at_least(0), default=0)
-    add("--workers", type=_at_least(1), default=os.cpu_count() or 1, help="processes")
+    add("--steps", type=at_least(1), default=200_000, help="ticks in the declared assumptions")
+    add("--seed", type=at_least(0), default=0)
+    add("--workers", type=at_least(1), default=os.cpu_count() or 1, help="processes")
     add("--assumptions", default=f"broken,{paper.NAME}", metavar="NAMES",
         help="beside the declared ones: sets, or the groups single, broken, all")  # fmt: skip
     add("--engine", choices=ENGINES, default="local", help="dask: over its cluster, by joblib")
@@ -159,16 +149,6 @@ def _progress_bar(steps: int) -> Any:
         raise MissingExtraError("tqdm", "cli") from error
     # Silent where stderr is not a terminal.
     return tqdm(total=steps, unit="tick", unit_scale=True, leave=False, disable=None)
-
-
-def _at_least(least: int) -> Any:
-    def number(text: str) -> int:
-        value = int(text)
-        if value < least:
-            raise argparse.ArgumentTypeError(f"must be at least {least}, got {value}")
-        return value
-
-    return number
 
 
 def _run(text: str) -> tuple[int, int]:

@@ -16,6 +16,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from benchmarks.command import at_least
 from benchmarks.floor import report
 from clfcbf.errors import ClfcbfError, ConfigurationError, MissingExtraError
 from clfcbf.report import check_writable, versions, write_json
@@ -46,10 +47,10 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add = parser.add_argument
     add("--regions", default="R1,R3,R4", metavar="NAMES", help="separated by commas")
-    add("--starts", type=_at_least(1), default=20, help="of each region")
-    add("--seed", type=_at_least(0), default=0, help="as of the campaign compared with")
+    add("--starts", type=at_least(1), default=20, help="of each region")
+    add("--seed", type=at_least(0), default=0, help="as of the campaign compared with")
     add("--limits", default="", metavar="NAME", help="in place of the region's own")
-    add("--workers", type=_at_least(1), default=os.cpu_count() or 1, help="processes")
+    add("--workers", type=at_least(1), default=os.cpu_count() or 1, help="processes")
     add("--json", type=Path, metavar="FILE", help="overwritten")
     add("--resume", action="store_true", help="keep the floors that are in the JSON file")
     add("--episodes", type=Path, metavar="FILE",
@@ -131,16 +132,6 @@ def _progress_bar(total: int) -> Any:
         raise MissingExtraError("tqdm", "cli") from error
     # Silent where stderr is not a terminal.
     return tqdm(total=total, unit="start", leave=False, disable=None)
-
-
-def _at_least(least: int) -> Any:
-    def number(text: str) -> int:
-        value = int(text)
-        if value < least:
-            raise argparse.ArgumentTypeError(f"must be at least {least}, got {value}")
-        return value
-
-    return number
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ The exit status is 0 where everything held, 1 where something did not.
 from __future__ import annotations
 
 import argparse
-import os
 import re
 import sys
 import tempfile
@@ -14,14 +13,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.command import at_least, exit_status
 from benchmarks.robot import docks, fuzz, kills, realtime
 from benchmarks.robot.rig import VIAS, Setting
 from benchmarks.robot.store import Store, markdown, progress
-from clfcbf.errors import ClfcbfError
 
 __all__ = ["main"]
 
-FAILED, USAGE_ERROR, INTERRUPTED = 1, 2, 130
+FAILED = 1
 
 MISSED = 0.01
 """Share of deadlines that may be missed in real time beside a busy core, by default."""
@@ -31,17 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a campaign; 0 if everything held."""
     options = _parser().parse_args(arguments)
     command: Callable[[Any], bool] = options.command
-    try:
-        return 0 if command(options) else FAILED
-    except ClfcbfError as error:
-        print(f"robot: {error}", file=sys.stderr)
-        return USAGE_ERROR
-    except BrokenPipeError:  # such as of "| head": the interpreter must not flush again at exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except KeyboardInterrupt:
-        print("robot: interrupted; --resume goes on from the JSON file", file=sys.stderr)
-        return INTERRUPTED
+    return exit_status("robot", lambda: 0 if command(options) else FAILED)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -51,7 +40,7 @@ def _parser() -> argparse.ArgumentParser:
     def campaign(name: str, command: Callable[[Any], bool], told: str) -> Any:
         made = campaigns.add_parser(name, help=told, description=told)
         made.set_defaults(command=command, campaign=name)
-        made.add_argument("--seed", type=_at_least(0), default=0)
+        made.add_argument("--seed", type=at_least(0), default=0)
         made.add_argument("--json", type=Path, metavar="FILE",
                           help="overwritten; a table goes beside it, .md")  # fmt: skip
         made.add_argument("--resume", action="store_true",
@@ -60,14 +49,14 @@ def _parser() -> argparse.ArgumentParser:
 
     add = campaign("docks", _docks, "dock, undock and replay")
     add("--via", choices=VIAS, default="can")
-    add("--runs", type=_at_least(1), default=10)
+    add("--runs", type=at_least(1), default=10)
     add("--region", default="R1")
     add("--sensor", default="A")
     add("--real-time", action="store_true", help="on the machine's clock, not a simulated one")
     add("--logs", type=Path, metavar="DIR", help="where the recordings are kept")
 
     add = campaign("kills", _kills, "let one part die in mid-approach")
-    add("--runs", type=_at_least(1), default=100)
+    add("--runs", type=at_least(1), default=100)
     add("--parts", type=_parts, default=tuple(kills.PARTS), metavar="NAMES",
         help=f"of {', '.join(kills.PARTS)}; they take turns")  # fmt: skip
 
@@ -79,9 +68,9 @@ def _parser() -> argparse.ArgumentParser:
     add("--missed", type=float, default=MISSED, help="share of deadlines that may be missed")
 
     add = campaign("fuzz", _fuzz, "hostile packets, configurations and logs")
-    add("--packets", type=_at_least(0), default=100_000)
-    add("--configs", type=_at_least(0), default=100_000)
-    add("--logs", type=_at_least(0), default=10_000)
+    add("--packets", type=at_least(0), default=100_000)
+    add("--configs", type=at_least(0), default=100_000)
+    add("--logs", type=at_least(0), default=10_000)
     add("--failing", type=Path, default=Path("failing"), metavar="DIR",
         help="where inputs that break something are kept")  # fmt: skip
     add("--only", type=_case, metavar="KIND/INDEX", help="one case again, and raise what it raises")
@@ -203,16 +192,6 @@ def _left(store: Store, runs: int) -> list[int]:
 
 def _sorted(store: Store) -> list[dict[str, Any]]:
     return sorted(store.records, key=lambda record: record["index"])
-
-
-def _at_least(least: int) -> Callable[[str], int]:
-    def number(text: str) -> int:
-        value = int(text)
-        if value < least:
-            raise argparse.ArgumentTypeError(f"must be at least {least}, got {value}")
-        return value
-
-    return number
 
 
 def _positive(text: str) -> float:

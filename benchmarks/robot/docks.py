@@ -9,23 +9,17 @@ from typing import Any
 from benchmarks.robot.rig import DOCKS, Setting, make_rig
 from clfcbf.recorder import FlightRecorder, SessionRecorder, read_log, replay
 from clfcbf.runtime import ControlLoop
-from clfcbf.se2 import Pose2, wrap_angle
+from clfcbf.se2 import wrap_angle
 from clfcbf.session import DockingSession, PhaseControllers
-from clfcbf.simulation.judge import STRICT, STRICT_THETA, TOLERANCE, TOLERANCE_THETA
+from clfcbf.simulation.judge import is_docked
 
-__all__ = ["HEADING", "fly", "is_docked", "row"]
+__all__ = ["HEADING", "fly", "row"]
 
 LONGEST = 120.0
 """[s] For docking, with the back-offs that a start may need."""
 
 SETTLE = 0.5
 """[s] After standstill, until the result is judged."""
-
-
-def is_docked(pose: Pose2, strict: bool = False) -> bool:
-    """Within the paper's tolerances of the goal, or within the strict ones."""
-    distance, angle = (STRICT, STRICT_THETA) if strict else (TOLERANCE, TOLERANCE_THETA)
-    return math.hypot(pose.x, pose.y) < distance and abs(wrap_angle(pose.theta)) < angle
 
 
 def fly(setting: Setting, via: str, log: Path) -> dict[str, Any]:

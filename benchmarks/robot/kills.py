@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.robot.casualties import Cable, MortalBackend, MortalSensor
-from benchmarks.robot.docks import LONGEST, SETTLE, is_docked
+from benchmarks.robot.docks import LONGEST, SETTLE
 from benchmarks.robot.pilot import pilot
 from benchmarks.robot.rig import (
     DOCKS,
@@ -34,6 +34,7 @@ from clfcbf.hardware.pose_link import PoseReceiver, PoseSender
 from clfcbf.runtime import ControlLoop, LoopReport, Part, PartFailure, PlantInTheLoop, Tick
 from clfcbf.se2 import Pose2
 from clfcbf.session import DockingSession, PhaseControllers, SessionResult
+from clfcbf.simulation.judge import is_docked
 from clfcbf.simulation.scenarios import World
 from clfcbf.simulation.sensors import make_sensor
 

@@ -12,7 +12,7 @@ from clfcbf.limits import Limits
 from clfcbf.se2 import Pose2, Twist, wrap_angle
 from clfcbf.simulation.scenarios import World, visible_share
 
-__all__ = ["EpisodeResult", "Trace", "Watch"]
+__all__ = ["EpisodeResult", "Trace", "Watch", "is_docked"]
 
 TOLERANCE, TOLERANCE_THETA = 0.030, math.radians(5.0)
 """[m, rad] Success as the paper has it, [Xie2024]_."""
@@ -177,7 +177,7 @@ class Watch:
             return "lost" if last.failure in _LOST else "failed"
         if not last.done:
             return "timeout"
-        return "ok" if _within(end, TOLERANCE, TOLERANCE_THETA) else "miss"
+        return "ok" if is_docked(end) else "miss"
 
     def verdict(self, end: Pose2) -> EpisodeResult:
         """The result, with the true pose at its end."""
@@ -192,7 +192,7 @@ class Watch:
         return EpisodeResult(
             outcome=outcome,
             success=outcome == "ok",
-            strict=outcome == "ok" and _within(end, STRICT, STRICT_THETA),
+            strict=outcome == "ok" and is_docked(end, strict=True),
             e_lon_mm=1e3 * end.x,
             e_lat_mm=1e3 * end.y,
             e_theta_deg=math.degrees(wrap_angle(end.theta)),
@@ -218,5 +218,7 @@ class Watch:
         )
 
 
-def _within(end: Pose2, distance: float, angle: float) -> bool:
+def is_docked(end: Pose2, strict: bool = False) -> bool:
+    """Whether a pose in the goal's frame is within the tolerances, or within the strict ones."""
+    distance, angle = (STRICT, STRICT_THETA) if strict else (TOLERANCE, TOLERANCE_THETA)
     return math.hypot(end.x, end.y) < distance and abs(wrap_angle(end.theta)) < angle
