@@ -116,7 +116,7 @@ class FirstLegs:
 
 @lru_cache(maxsize=8)
 def _table(limits: Limits) -> Reversals:
-    """Tabulated once for the same limits: it takes as long as fifty ticks."""
+    """Tabulated once for the same limits, in some milliseconds."""
     return Reversals.tabulated(
         limits, defaults.PLAN_REVERSES, defaults.PLAN_TURNS, defaults.PLAN_LEADS
     )
