@@ -238,9 +238,7 @@ class ArrayGuard:
         found = admit(sought, safe + half * way)
         admit(sought[found], safe + more * way)
         sought = sought[~found]
-        for other in (
-            safe + less * way, np.stack((safe[0], wanted[1])), np.stack((wanted[0], safe[1]))
-        ):  # fmt: skip
+        for other in (safe + less * way, np.stack((safe[0], wanted[1]))):
             if sought.size:
                 sought = sought[~admit(sought, other)]
         return answer

@@ -129,14 +129,13 @@ class Guard:
         duration = 0.5 * self.period * (brake[1] + 1)
         return Sweep.of(motion, body, self.lag, brake[0], duration)
 
-    def admissible(self, scene: Scene, sweep: Sweep, floors: tuple[float, ...] = ()) -> bool:
+    def admissible(self, scene: Scene, sweep: Sweep) -> bool:
         r"""Whether a brake is safe from here to rest.
 
         Parameters
         ----------
         scene : goal and feature as seen before the sweep's ``motion``
         sweep : of the brake, see :meth:`sweep`
-        floors : clearance of each barrier to be kept, at most 0; none stands for zeros
 
         Notes
         -----
@@ -153,19 +152,8 @@ class Guard:
         the rotation centre. So four corners, each with that blur, answer for all of it, for a
         camera whose view contains the forward direction even when turned by the arc.
         """
-        if not floors:
-            for barrier in self.barriers:  # noqa: SIM110  # a generator costs more than a test
-                if not barrier.clearance_along(scene, sweep) >= 0.0:
-                    return False
-            return True
-        coasted, sharp = _coasted(sweep), _new(Sweep, (*sweep[:7], 0.0))
-        for barrier, floor in zip(self.barriers, floors, strict=True):
-            if floor == 0.0:
-                least = barrier.clearance_along(scene, sweep)
-            else:  # outside, what no command can change is no reason to refuse the way back
-                floor = min(floor, barrier.clearance(scene, coasted))
-                least = barrier.clearance_along(scene, sharp)
-            if not least >= floor - ROUNDING:  # it is the clearance at one end of the sweep
+        for barrier in self.barriers:  # noqa: SIM110  # a generator costs more than a test
+            if not barrier.clearance_along(scene, sweep) >= 0.0:
                 return False
         return True
 
@@ -193,12 +181,14 @@ class Guard:
         ticks = limits.brake_ticks(wanted, period)
         sweep = Sweep.of(motion, body, self.lag, wanted, 0.5 * period * (ticks + 1))
         clearance = least = math.inf
+        heres = []
         for barrier in self.barriers:
             here, bound = barrier.clearance_around(scene, sweep)
+            heres.append(here)
             clearance = here if here < clearance else clearance
             least = bound if bound < least else least
         if clearance < 0.0:
-            return self._outside(wanted, scene, sweep, box, brake)
+            return self._outside(wanted, scene, sweep, box, brake, heres, clearance)
         if least >= 0.0 or self.admissible(scene, sweep):
             sure = limits.contains(wanted, ROUNDING)
             kept = _new(Brake, (wanted, ticks, sure))
@@ -214,48 +204,63 @@ class Guard:
             return _new(Guarded, (other, kept, Verdict.REPLACED, sure, clearance))
 
         last = brake.next()
-        found = None
-        if self.clearance(scene, _coasted(sweep)) >= 0.0:  # else nothing that is sent can help
-            found = _nearest(box.clip(last.twist), wanted, box, admit)
+        found = _nearest(box.clip(last.twist), wanted, box, admit)
         return self._braked(last, box, clearance) if found is None else found
 
     def _outside(
-        self, wanted: Twist, scene: Scene, sweep: Sweep, box: InputBox, brake: Brake
+        self,
+        wanted: Twist,
+        scene: Scene,
+        sweep: Sweep,
+        box: InputBox,
+        brake: Brake,
+        heres: list[float],
+        clearance: float,
     ) -> Guarded:
         """The same where some barrier does not hold, found so or put there by a nudge.
 
-        The clearance to be kept is the one there is: what does not make things worse is
-        admissible, so the robot can turn back. Where no barrier says which way back is (minus
-        infinity) it brakes. Neither speed nor turn rate may drive out more than the brake does,
-        not even where a model finds them in balance: what errs in the model would add up.
+        The clearance to be kept is the one there is, or what coasting leaves of it, which no
+        command can change: what does not make things worse is admissible, so the robot can turn
+        back. Where no barrier says which way back is (minus infinity) it brakes. Neither speed
+        nor turn rate may drive out more than the brake does, not even where a model finds them
+        in balance: what errs in the model would add up.
 
         What is admitted here is certified as long as it keeps the barriers without their
         reserve, which is declared for estimates that err; nothing is outside the speed limits,
         where the next command is a forced one.
+
+        ``heres`` are the clearances of the barriers, and ``clearance`` the smallest of them.
         """
+        last = brake.next()
+        if clearance == -math.inf:
+            return self._braked(last, box, clearance)
         motion, body = sweep.motion, sweep.body
-        heres = tuple([barrier.clearance(scene, motion) for barrier in self.barriers])
-        floors = tuple([min(0.0, here) for here in heres])
-        clearance = min(heres)
+        coasted = motion.moved(body, self.lag)
+        floors = []
+        reserved = True
+        for barrier, bare, here in zip(self.barriers, self._bare, heres, strict=True):
+            floor = 0.0
+            if here < 0.0:
+                floor = min(here, barrier.clearance(scene, coasted))
+                reserved = reserved and bare.clearance(scene, motion) >= 0.0
+                reserved = reserved and bare.clearance(scene, coasted) >= 0.0
+            floors.append(floor)
+        limits = self.limits
 
         def admit(other: Twist) -> Guarded | None:
             brake = self.brake_from(other)
-            around = self.sweep(body, brake, motion)
-            if not self.admissible(scene, around, floors):
+            if not self._no_worse(scene, self.sweep(body, brake, motion), floors):
                 return None
-            sure = self._certifies(scene, around, floors)
+            sure = reserved and limits.contains(other, ROUNDING)
             verdict = _ADMITTED if other == wanted else Verdict.REPLACED
             kept = _new(Brake, (other, brake[1], sure))
             return _new(Guarded, (other, kept, verdict, sure, clearance))
 
-        last = brake.next()
-        found = None
-        if clearance > -math.inf:
-            safe = box.clip(last.twist)
-            inward = self._inward(wanted, safe, scene, motion)
-            found = admit(inward)
-            if found is None:
-                found = _nearest(safe, inward, box, admit)
+        safe = box.clip(last.twist)
+        inward = self._inward(wanted, safe, scene, motion)
+        found = admit(inward)
+        if found is None:
+            found = _nearest(safe, inward, box, admit)
         return self._braked(last, box, clearance) if found is None else found
 
     def _inward(self, wanted: Twist, safe: Twist, scene: Scene, motion: Pose2) -> Twist:
@@ -269,15 +274,17 @@ class Guard:
                     omega = safe[1] if a_omega * omega > a_omega * safe[1] else omega
         return Twist(v, omega)
 
-    def _certifies(self, scene: Scene, sweep: Sweep, floors: tuple[float, ...]) -> bool:
-        """Whether an admitted command's brake keeps every barrier but for its reserve."""
-        ends = sweep.motion, _coasted(sweep)
-        for bare, floor in zip(self._bare, floors, strict=True):
-            if floor < 0.0:
-                for motion in ends:
-                    if not bare.clearance(scene, motion) >= 0.0:
-                        return False
-        return self.limits.contains(sweep.twist, ROUNDING)
+    def _no_worse(self, scene: Scene, sweep: Sweep, floors: list[float]) -> bool:
+        """Whether a brake keeps the barriers that hold, and of the others their floor.
+
+        Those without the blur: outside, a few millimetres are no reason to refuse the way back.
+        """
+        sharp = _new(Sweep, (*sweep[:7], 0.0))
+        for barrier, floor in zip(self.barriers, floors, strict=True):
+            around = sharp if floor < 0.0 else sweep
+            if not barrier.clearance_along(scene, around) >= floor - ROUNDING:
+                return False  # to rounding: the floor is the clearance at one of its ends
+        return True
 
     def _braked(self, last: Brake, box: InputBox, clearance: float) -> Guarded:
         """The next command of the brake at hand, or what the input box leaves of it."""
@@ -287,17 +294,12 @@ class Guard:
         return Guarded(safe, kept, Verdict.BRAKED, kept.verified, clearance)
 
 
-def _coasted(sweep: Sweep) -> Pose2:
-    """Where the body comes to rest if nothing more is commanded."""
-    return sweep.motion.moved(sweep.body, sweep.lag)
-
-
 def _nearest(
     safe: Twist, wanted: Twist, box: InputBox, admit: Callable[[Twist], Guarded | None]
 ) -> Guarded | None:
     """The admitted command nearest to the wanted one on the way there from the brake.
 
-    By bisection; where none is found, one part of the brake with the other of the wanted command.
+    By bisection; where none is found, the wanted turn at the brake's speed.
     """
     v, omega = safe
     dv, dw = wanted[0] - v, wanted[1] - omega
@@ -307,9 +309,4 @@ def _nearest(
     found = admit(box.clip(_new(Twist, (v + half * dv, omega + half * dw))))
     share = less if found is None else more
     further = admit(box.clip(_new(Twist, (v + share * dv, omega + share * dw))))
-    return (
-        further
-        or found
-        or admit(box.clip(_new(Twist, (v, wanted[1]))))
-        or admit(box.clip(_new(Twist, (wanted[0], omega))))
-    )
+    return further or found or admit(box.clip(_new(Twist, (v, wanted[1]))))

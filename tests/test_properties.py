@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from clfcbf import (
@@ -344,7 +344,13 @@ def test_what_a_larger_margin_admits_a_smaller_one_admits(
         assert near.admissible(scene, sweep) or abs(spare) < 1e-12
 
 
+_CRAWL = [Twist(v, w) for v, w in (
+    (0.0, 0.5), (0.0, 0.0), (0.25, -0.5), (0.25, 0.0), (0.25, 0.5), (0.0, 0.5), (0.25, 5e-324)
+)]  # fmt: skip
+
+
 @settings(max_examples=40)
+@example(Pose2(-1.5, 0.5, 0.25), _CRAWL, 0.0, 0.0)
 @given(starts, runs, st.floats(0.0, 0.2), st.sampled_from([0.0, 0.12]))
 def test_an_adversary_leaves_the_margin_that_was_asked_for(robot, wanted, margin, lag):
     """The same attack against any margin: the true clearance never falls below it."""

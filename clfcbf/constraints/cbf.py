@@ -338,5 +338,5 @@ class FieldOfViewBarrier:
 def _arc(length: float, half: float) -> tuple[float, float, float, float]:
     """An arc of a length, turning by twice ``half``: its end x, y, cosine and sine of the turn."""
     c, s = math.cos(half), math.sin(half)
-    chord = length * s / half if half else length
+    chord = length * (s / half) if half else length  # the quotient first: half may be denormal
     return chord * c, chord * s, c * c - s * s, 2.0 * c * s

@@ -700,6 +700,19 @@ def test_a_sweep_of_nothing() -> None:
     assert isinstance(Sweep.of(HERE, rest, 0.0, rest, 0.0), Sweep)
 
 
+@pytest.mark.parametrize("tiny", [5e-324, 4.4e-323, -9.9e-324, 1e-310])
+def test_the_smallest_turn_rates_there_are_bend_no_arc(tiny: float) -> None:
+    """Numbers with few bits left: a product with one is nearly all rounding."""
+    barrier, scene = FieldOfViewBarrier(FieldOfView(0.6), 1.0), scene_of(Pose2(1.5, 0.9, 0.0))
+    for v in (0.1, 0.2, 0.3):
+        bent, straight = (
+            Sweep.of(HERE, Twist(v, omega), 0.2, Twist(0.9 * v, omega), 0.9)
+            for omega in (tiny, 0.0)
+        )
+        assert barrier.clearance_along(scene, bent) == barrier.clearance_along(scene, straight)
+        assert arc(bent.twist, 0.9) == pytest.approx(arc(straight.twist, 0.9), rel=1e-15)
+
+
 def test_clearance_along_refuses_what_its_corners_do_not_tell() -> None:
     """Turning out of the view and back, or passing the feature, has good corners all the same."""
     barrier = FieldOfViewBarrier(FieldOfView(math.radians(35)), GAIN)
