@@ -69,7 +69,7 @@ class Verdict(Enum):
     BRAKED = "braked"
 
 
-_ADMITTED = Verdict.ADMITTED
+_ADMITTED, _REPLACED, _BRAKED = Verdict.ADMITTED, Verdict.REPLACED, Verdict.BRAKED
 
 
 class Guarded(NamedTuple):
@@ -201,7 +201,7 @@ class Guard:
                 return None
             sure = limits.contains(other, ROUNDING)
             kept = _new(Brake, (other, ticks, sure))
-            return _new(Guarded, (other, kept, Verdict.REPLACED, sure, clearance))
+            return _new(Guarded, (other, kept, _REPLACED, sure, clearance))
 
         last = brake.next()
         found = _nearest(box.clip(last.twist), wanted, box, admit)
@@ -252,7 +252,7 @@ class Guard:
             if not self._no_worse(scene, self.sweep(body, brake, motion), floors):
                 return None
             sure = reserved and limits.contains(other, ROUNDING)
-            verdict = _ADMITTED if other == wanted else Verdict.REPLACED
+            verdict = _ADMITTED if other == wanted else _REPLACED
             kept = _new(Brake, (other, brake[1], sure))
             return _new(Guarded, (other, kept, verdict, sure, clearance))
 
@@ -272,7 +272,7 @@ class Guard:
                 if value < 0.0:
                     v = safe[0] if a_v * v > a_v * safe[0] else v
                     omega = safe[1] if a_omega * omega > a_omega * safe[1] else omega
-        return Twist(v, omega)
+        return _new(Twist, (v, omega))
 
     def _no_worse(self, scene: Scene, sweep: Sweep, floors: list[float]) -> bool:
         """Whether a brake keeps the barriers that hold, and of the others their floor.
@@ -291,7 +291,7 @@ class Guard:
         safe = box.clip(last.twist)
         # Outside the box the chassis did not follow the brake: its certificate is void.
         kept = last if box.contains(last.twist, ROUNDING) else self.brake_from(safe)
-        return Guarded(safe, kept, Verdict.BRAKED, kept.verified, clearance)
+        return _new(Guarded, (safe, kept, _BRAKED, kept[2], clearance))
 
 
 def _nearest(
@@ -306,7 +306,7 @@ def _nearest(
     if not dv and not dw:  # the brake itself was wanted, and refused
         return None
     less, half, more = FALLBACKS
-    found = admit(box.clip(_new(Twist, (v + half * dv, omega + half * dw))))
+    found = admit(box.clip((v + half * dv, omega + half * dw)))
     share = less if found is None else more
-    further = admit(box.clip(_new(Twist, (v + share * dv, omega + share * dw))))
-    return further or found or admit(box.clip(_new(Twist, (v, wanted[1]))))
+    further = admit(box.clip((v + share * dv, omega + share * dw)))
+    return further or found or admit(box.clip((v, wanted[1])))

@@ -23,7 +23,7 @@ class InputBox(NamedTuple):
     w_lo: float
     w_hi: float
 
-    def clip(self, twist: Twist) -> Twist:
+    def clip(self, twist: tuple[float, float]) -> Twist:
         """The point of the box nearest to ``twist``, coordinate by coordinate."""
         v, omega = twist
         v_lo, v_hi, w_lo, w_hi = self

@@ -49,7 +49,8 @@ _ORIGIN = Pose2(0.0, 0.0, 0.0)
 _REST = Twist(0.0, 0.0)
 
 _STABILITY = Priority.STABILITY
-_ADMITTED, _OPTIMAL, _CLOCK_ERROR = Verdict.ADMITTED, Status.OPTIMAL, Status.CLOCK_ERROR
+_ADMITTED, _BRAKED, _REPLACED = Verdict.ADMITTED, Verdict.BRAKED, Verdict.REPLACED
+_OPTIMAL, _CLOCK_ERROR = Status.OPTIMAL, Status.CLOCK_ERROR
 
 _LATE = 1.5
 """Periods after which the last command counts as held for too long."""
@@ -307,9 +308,9 @@ def _timing(since: float | None) -> float:
 def _status(outcome: Guarded, slack: float, barrier_slack: float) -> Status:
     if outcome.clearance < 0.0:
         return Status.OUT_OF_VIEW
-    if outcome.verdict is Verdict.BRAKED:
+    if outcome.verdict is _BRAKED:
         return Status.BRAKING
-    if outcome.verdict is Verdict.REPLACED:
+    if outcome.verdict is _REPLACED:
         return Status.GUARDED
     if barrier_slack > TOLERANCE:
         return Status.BARRIER_RELAXED
