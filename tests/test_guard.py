@@ -464,10 +464,12 @@ def test_outside_what_does_not_make_it_worse_is_admitted(here, coasted, short, a
         assert isinstance(outcome.brake.verified, bool)
 
 
-def test_outside_a_barrier_that_holds_has_to_go_on_holding():
+@pytest.mark.parametrize("here", [0.0, 0.1])
+def test_outside_a_barrier_that_holds_has_to_go_on_holding(here):
+    """On its edge too, and though the body coasts out of it."""
     broken = Scripted(here=-0.2, along=0.0, coasted=0.0)
     for along, admitted in ((0.0, True), (-0.5 * ROUNDING, True), (-0.1, False)):
-        kept = Scripted(here=0.1, along=along)
+        kept = Scripted(here=here, along=along, coasted=min(along, 0.0))
         guard = Guard(LIMITS, (broken, kept), PERIOD)
         box = LIMITS.input_box(REST, PERIOD)
         outcome = guard.filter(Twist(box.v_hi, 0.0), STRAIGHT, BODY, box, Brake(REST, 0))
