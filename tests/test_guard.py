@@ -470,7 +470,7 @@ def test_outside_a_barrier_that_holds_has_to_go_on_holding(here):
     broken = Scripted(here=-0.2, along=0.0, coasted=0.0)
     for along, admitted in ((0.0, True), (-0.5 * ROUNDING, True), (-0.1, False)):
         kept = Scripted(here=here, along=along, coasted=min(along, 0.0))
-        guard = Guard(LIMITS, (broken, kept), PERIOD)
+        guard = Guard(LIMITS, (broken, kept), PERIOD, 0.1)
         box = LIMITS.input_box(REST, PERIOD)
         outcome = guard.filter(Twist(box.v_hi, 0.0), STRAIGHT, BODY, box, Brake(REST, 0))
         assert (outcome.verdict is Verdict.ADMITTED) == admitted
