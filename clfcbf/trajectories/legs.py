@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 from clfcbf.errors import GeometryError
 from clfcbf.se2 import Pose2, Twist, wrap_angle
 
 __all__ = ["Leg", "Moment", "Path", "Place", "Trajectory", "Turn"]
+
+_COINCIDENT = 1e-18
+"""[m²] Squared distance under which two samples are one: no direction is read off a nanometre."""
 
 
 class Place(NamedTuple):
@@ -49,7 +53,8 @@ class Path:
 
     Raises
     ------
-    GeometryError : fewer than two samples, or columns of different lengths
+    GeometryError : fewer than two samples, columns of different lengths, or arc lengths that
+        do not increase
     """
 
     s: tuple[float, ...]
@@ -65,6 +70,8 @@ class Path:
             raise GeometryError(
                 f"a path needs columns of one length, 2 or more, got {sorted(lengths)}"
             )
+        if not all(before < after for before, after in pairwise(self.s)):
+            raise GeometryError(f"the arc lengths of a path must increase, got {self.s!r}")
 
     @property
     def length(self) -> float:
@@ -89,7 +96,10 @@ class Path:
             i += 1
         a, b = self.poses[i - 1], self.poses[i]
         dx, dy = b.x - a.x, b.y - a.y
-        part = ((pose.x - a.x) * dx + (pose.y - a.y) * dy) / (dx * dx + dy * dy)
+        square = dx * dx + dy * dy
+        part = 1.0  # of samples that coincide the later one
+        if square > _COINCIDENT:
+            part = ((pose.x - a.x) * dx + (pose.y - a.y) * dy) / square
         if i < last:
             part = min(part, 1.0)
         return self._between(i, max(part, (since - self.s[i - 1]) / (self.s[i] - self.s[i - 1])))

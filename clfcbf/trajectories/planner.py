@@ -44,6 +44,9 @@ Array = NDArray[np.float64]
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
 _REST = Twist(0.0, 0.0)
 
+_SHORTEST = 1e-3
+"""[m] A visible path shorter than that corrects nothing; one of no length has no samples."""
+
 
 @dataclass(frozen=True, slots=True)
 class Plan:
@@ -165,6 +168,9 @@ class Planner:
         try:
             path = VisiblePath(Polar.of(start.relative(self.feature)), self.standoff)
         except GeometryError:
+            reasons["no path"] += 1
+            return
+        if path.start.rho - self.standoff < _SHORTEST:
             reasons["no path"] += 1
             return
         if path.margin(self.edge) < 0.0:

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from clfcbf import defaults
@@ -166,6 +166,27 @@ def test_the_place_abreast_is_found_again(share, offset):
     assert path.nearest(beside, since=0.9).s >= 0.9 - 1e-12
 
 
+@pytest.mark.parametrize("apart", [0.0, 1e-170, 1e-162, 1e-10])
+@pytest.mark.parametrize("at", [0, 1])
+def test_samples_that_coincide_are_passed(at, apart):
+    """No direction can be read off them; the place is the later one's."""
+    x = [0.0, 1.0]
+    x.insert(at + 1, x[at] + apart)
+    poses = tuple(Pose2(x, 0.0, 0.0) for x in x)
+    s = (0.0, 1e-9, 1.0) if at == 0 else (0.0, 1.0, 1.0 + 1e-9)
+    path = Path(s, poses, (0.1, 0.1, 0.0), (0.0, 0.0, 0.0), poses[-1])
+    for ahead in (-0.1, 0.0, 0.5, 1.0, 1.1):
+        place = path.nearest(Pose2(ahead, 0.05, 0.0))
+        assert min(place.s, 1.0) == pytest.approx(min(max(ahead, 0.0), 1.0), abs=2e-9)
+        assert place.pose.x == pytest.approx(min(max(ahead, 0.0), 1.0), abs=2e-9)
+
+
+@pytest.mark.parametrize("s", [(0.0, 0.0), (1.0, 0.0), (0.0, math.nan)])
+def test_the_arc_lengths_of_a_path_increase(s):
+    with pytest.raises(GeometryError, match="increase"):
+        Path(s, (Pose2(0.0, 0.0, 0.0),) * 2, (0.0, 0.0), (0.0, 0.0), Pose2(0.0, 0.0, 0.0))
+
+
 def test_a_path_needs_equal_columns():
     with pytest.raises(GeometryError, match="columns"):
         Path((0.0,), (Pose2(0, 0, 0),), (0.0,), (0.0,), Pose2(0, 0, 0))
@@ -305,6 +326,9 @@ def test_the_view_keeps_a_rollout_honest():
 
 
 @settings(max_examples=15, deadline=None)
+@example(0.0, 0.0, 0.08)
+@example(-1e-9, 0.0, 0.03)
+@example(0.0, 1e-9, 0.0)
 @given(st.floats(-0.06, 0.025), st.floats(-0.03, 0.03), st.floats(-0.08, 0.08))
 def test_small_errors_at_the_goal_are_corrected_without_running_past_it(x, y, theta):
     """Behind the goal stands what is docked to; from past it the way is back first."""
