@@ -147,8 +147,6 @@ def follow(
     omega = feed + gains.k2 * v * error.y + gains.k3 * abs(v) * sin
     slow = max(0.0, 1.0 - abs(v) / limits.v_max) * max(0.0, 1.0 - 10.0 * place.rest)
     omega += gains.heading * slow * sin
-    if abs(omega) > limits.omega_max:
-        v = min(max(v * limits.omega_max / abs(omega), box.v_lo), box.v_hi)
     stopping = last and inertia is not None and inertia.lag > 0.0 and leg.gear > 0
     if stopping and inertia is not None and place.rest < gains.stop_from:
         v, turned = _stopped(leg, pose, limits, period, gains, inertia)
