@@ -17,7 +17,7 @@ from benchmarks.docking import __main__ as command
 from benchmarks.docking import campaign, engine
 from benchmarks.docking.ablations import ABLATIONS, Unpredicted, sampled
 from benchmarks.docking.campaign import Run, execute, planned
-from benchmarks.docking.report import markdown
+from benchmarks.docking.report import markdown, strict_caps
 from benchmarks.docking.statistics import (
     bootstrap,
     demonstrated,
@@ -33,6 +33,7 @@ from clfcbf.paper_docking import quintic_to_goal
 from clfcbf.scene import Observation
 from clfcbf.se2 import Pose2, Twist, wrap_angle
 from clfcbf.simulation.scenarios import World, draw_start, region_named
+from clfcbf.simulation.sensor_model import SensorModel
 
 LIMITS = Limits(0.22, 0.4, 0.3, 1.0)
 SETUP = Setup.of(World(), LIMITS, 0.12)
@@ -375,6 +376,24 @@ def test_report_has_counts_tests_and_figures(tmp_path, made):
     assert (out / "docking-success-depth-A.png").read_bytes().startswith(b"\x89PNG")
     kept = [key for key in document["tracks"] if key.startswith("R3/depth-A/graceful")]
     assert 12 <= len(kept) <= 20
+
+
+def test_the_cap_of_strict_successes_is_what_draws_of_the_calibration_leave():
+    model = SensorModel.named("B")
+    rng = np.random.default_rng(5)
+    once, slow = rng.standard_normal((2, 200_000, 3))
+    sizes = [
+        np.array([spread.position, spread.position, spread.yaw])
+        for spread in (model.calibration, model.drift)
+    ]
+    for errors, cap in zip(
+        (once * sizes[0], once * sizes[0] + slow * sizes[1]), strict_caps("depth-B"), strict=True
+    ):
+        docked = (np.hypot(errors[:, 0], errors[:, 1]) < 0.01) & (
+            np.abs(errors[:, 2]) < math.radians(2.0)
+        )
+        assert docked.mean() == pytest.approx(cap, abs=0.005)
+    assert strict_caps("depth-A") == (1.0, 1.0)
 
 
 @needs_the_extras
