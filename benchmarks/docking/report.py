@@ -176,8 +176,8 @@ def _cap(sensor: str) -> list[str]:
         return []
     return [
         "",
-        f"The calibration error of a run alone leaves {100 * constant:.0f} % of strict successes to "
-        "a method that stops where it measures the goal; together with the slow error, as at one "
+        f"A run's calibration error alone leaves {100 * constant:.0f} % of strict successes to a "
+        "method that stops where it measures the goal; together with the slow error, as at one "
         f"instant, {100 * both:.0f} %.",
     ]
 
