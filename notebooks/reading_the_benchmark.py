@@ -50,7 +50,7 @@ def published():
         content = json.loads(path.read_text(encoding="utf-8"))
         episodes = content.get("episodes", []) if isinstance(content, dict) else []
         found += [e for e in episodes if isinstance(e, dict) and e.keys() >= FIELDS]
-    return found
+    return [e for e in found if e.get("sensor") == "depth-A"]
 
 
 def driven(name, region, count):

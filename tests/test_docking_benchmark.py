@@ -373,6 +373,11 @@ def test_report_has_counts_tests_and_figures(tmp_path, made):
         for suffix in (".png", ".svg"):
             assert f"docking-{name}-depth-A{suffix}" in names
     assert "docking-ways-R3-depth-A.svg" in names
+    excerpt = json.loads((out / "docking-runs.json").read_text())["episodes"]
+    assert len(excerpt) == len(document["episodes"])
+    for short, whole in zip(excerpt, document["episodes"], strict=True):
+        for key, value in short.items():
+            assert value == pytest.approx(whole[key], abs=5e-4)
     assert (out / "docking-success-depth-A.png").read_bytes().startswith(b"\x89PNG")
     kept = [key for key in document["tracks"] if key.startswith("R3/depth-A/graceful")]
     assert 12 <= len(kept) <= 20

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -27,6 +28,15 @@ Cells = Mapping[str, Sequence[Record]]
 FORMATS = (".png", ".svg")
 """Of the figures: one for a slide, one for a page."""
 
+KEPT = (
+    "region", "sensor", "controller", "seed", "index", "success", "strict", "time_s", "e_lon_mm",
+    "e_lat_mm", "e_theta_deg",
+)  # fmt: skip
+"""Columns of the excerpt of the runs that goes with the report."""
+
+KEPT_RUNS = 40
+"""Runs of a cell in that excerpt: the whole of a campaign is ten megabytes."""
+
 SHOWN_REASONS = 3
 """Reasons of failure listed for a cell, the most frequent ones."""
 
@@ -37,7 +47,9 @@ def names_in(records: Sequence[Record], field: str) -> list[str]:
 
 
 def write_report(document: Mapping[str, Any], out: Path) -> list[Path]:
-    """Write docking.md and its figures, PNG and SVG, to a folder; the paths written.
+    """Write docking.md, its figures, PNG and SVG, and an excerpt of the runs to a folder.
+
+    The paths written.
 
     Raises
     ------
@@ -60,9 +72,19 @@ def write_report(document: Mapping[str, Any], out: Path) -> list[Path]:
             save_figure(figure, path)
             written.append(path)
         figures.append(f"![{title}](docking-{name}.png)")
-    page = out / "docking.md"
+    page, excerpt = out / "docking.md", out / "docking-runs.json"
     page.write_text(markdown(document, figures), encoding="utf-8")
-    return [page, *written]
+    excerpt.write_text(json.dumps({"episodes": _excerpt(document["episodes"])}, indent=0) + "\n")
+    return [page, excerpt, *written]
+
+
+def _excerpt(records: Sequence[Record]) -> list[Record]:
+    """The first runs of every cell with the columns that a table needs, for who reads on."""
+    return [
+        {key: round(value, 3) if isinstance(value := record[key], float) else value for key in KEPT}
+        for record in records
+        if record["index"] < KEPT_RUNS
+    ]
 
 
 def markdown(document: Mapping[str, Any], figures: Sequence[str] = ()) -> str:
