@@ -56,8 +56,8 @@ SETTLE_THETA = 5.0
 SETTLE_FROM = 0.004
 """[m] Where the regulator takes over: twice what the estimate is worth there."""
 
-STOP_FROM = 0.05
-"""[m] From the goal, where the fastest stop takes over: it needs 4 cm from 0.15 m/s."""
+STOP_FROM = 0.09
+"""[m] From the goal, where the fastest stop takes over: it needs 8 cm from 0.22 m/s."""
 
 FACE_FROM = 0.02
 """[m] As above, of the heading: the path's own last turn is over by then."""
@@ -80,8 +80,8 @@ never agree with itself to 7 mm, and 28 mm after eight approaches is better than
 PLAN_TURN_RATE = 0.9375
 """Share of the turn rate that a plan uses; feedback on the path needs the rest."""
 
-PLAN_ACCELERATION = 0.9
-"""Share of both accelerations that a plan uses."""
+PLAN_ACCELERATION = 0.95
+"""Share of both accelerations that a plan uses; with all of it docking is no faster."""
 
 PLAN_EDGE = math.radians(4.5)
 """[rad] From the camera's edge, moved in by the setback, to the edge that a plan rides: the guard's
