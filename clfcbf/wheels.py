@@ -30,6 +30,9 @@ _MOST_TICKS = 1e9
 _SHRINK = 1.0 - 2.0**-50
 """By which a share is shortened until rounding has left the twist inside: a few steps do."""
 
+_DOUBLINGS = 26
+"""Of that step, at most: up to a hundred-millionth of the way."""
+
 
 class RimSpeeds(NamedTuple):
     """Speeds of the two wheels' contact points along the floor [m/s], forward positive."""
@@ -93,11 +96,13 @@ class WheelBox(NamedTuple):
             rate = a * dv + c * dw
             if rate > 0.0:
                 share = min(share, max(0.0, b - (a * safe[0] + c * safe[1])) / rate)
-        for _ in range(8):
+        less = 1.0 - _SHRINK
+        for _ in range(_DOUBLINGS):
             twist = Twist(safe[0] + share * dv, safe[1] + share * dw)
             if self.contains(twist):
                 return twist
-            share *= _SHRINK
+            share -= less * share
+            less *= 2.0  # rounding is that of the wheels' speeds, however small the share
         return safe
 
 

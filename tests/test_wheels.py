@@ -4,7 +4,7 @@ import math
 from fractions import Fraction
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from clfcbf.errors import LimitsError
@@ -92,6 +92,10 @@ def test_scaling_keeps_the_curvature_and_the_limit(limits, twist):
         assert not limits.contains(slower.scaled(1.0 + 1e-9))
 
 
+@example(
+    limits=WheelLimits(0.84375, 0.25, 1.0, 0.05), applied=Twist(0.40625, 1.23828125),
+    wanted=Twist(1.5, 0.0), period=0.125,
+)  # fmt: skip
 @given(limits=wheels, applied=twists, wanted=twists, period=periods)
 def test_toward_is_inside_on_the_way_and_as_far_as_possible(limits, applied, wanted, period):
     safe = limits.scaled(applied)
