@@ -50,7 +50,13 @@ def published():
         content = json.loads(path.read_text(encoding="utf-8"))
         episodes = content.get("episodes", []) if isinstance(content, dict) else []
         found += [e for e in episodes if isinstance(e, dict) and e.keys() >= FIELDS]
-    return [e for e in found if e.get("sensor") == "depth-A"]
+    return [
+        e
+        for e in found
+        if e.get("sensor") == "depth-A"
+        and e["region"] in ("R1", "R4", "R5")
+        and not e["controller"].startswith("no-")  # ours with a part left out
+    ]
 
 
 def driven(name, region, count):
