@@ -155,6 +155,13 @@ def test_arc_legs_keep_the_limits_and_end_where_the_arc_does(length, swept, gear
     assert slope.max() * abs(swept / length) <= limits.alpha_max + 1e-9
 
 
+@pytest.mark.parametrize("length", [1e3, 1e9, 1e300])
+def test_no_length_of_an_arc_takes_the_memory_away(length):
+    path = arc_path(Pose2(0.0, 0.0, 0.0), length, 0.5, LIMITS, -1)
+    assert len(path.s) <= 20_001
+    assert path.length == pytest.approx(length)
+
+
 @given(st.floats(0.0, 1.0), st.floats(-0.02, 0.02))
 def test_the_place_abreast_is_found_again(share, offset):
     path = arc_path(Pose2(0.0, 0.0, 0.0), 1.0, 1.0, LIMITS, 1)
