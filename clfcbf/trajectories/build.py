@@ -25,9 +25,14 @@ _MOST = 20_000
 """Samples of an arc or a line at most, coarser beyond 200 m: no length takes the memory away."""
 
 
+def _cells(length: float) -> int:
+    """Cells between the samples of an arc or a line."""
+    return math.ceil(min(length / _SPACING, _MOST))
+
+
 def _arc_samples(start: Pose2, radius: float, swept: float, limits: Limits) -> Array:
     """Samples (x, y, heading, speed, turn rate) along an arc, the start left out."""
-    count = max(1, math.ceil(min(abs(swept * radius) / _SPACING, _MOST)))
+    count = max(1, _cells(abs(swept * radius)))
     speed = min(limits.v_max, limits.omega_max * abs(radius))
     twist = Twist(speed, speed / radius)
     times = np.linspace(0.0, abs(swept * radius) / speed, count + 1)[1:]
@@ -39,7 +44,7 @@ def _arc_samples(start: Pose2, radius: float, swept: float, limits: Limits) -> A
 
 
 def _line_samples(start: Pose2, length: float, limits: Limits) -> Array:
-    along = np.linspace(0.0, length, max(2, math.ceil(min(length / _SPACING, _MOST)) + 1))[1:]
+    along = np.linspace(0.0, length, max(2, _cells(length) + 1))[1:]
     columns = np.ones((len(along), 5)) * [0.0, 0.0, start.theta, limits.v_max, 0.0]
     columns[:, 0] = start.x + along * math.cos(start.theta)
     columns[:, 1] = start.y + along * math.sin(start.theta)
@@ -124,7 +129,7 @@ def arc_path(start: Pose2, length: float, swept: float, limits: Limits, gear: in
     ratio = max(abs(curvature), 1e-9)
     top = min(limits.v_max if gear > 0 else -limits.reverse_speed, limits.omega_max / ratio)
     slope = min(limits.a_max, limits.alpha_max / ratio)
-    count = max(2, math.ceil(min(length / _SPACING, _MOST)) + 1)
+    count = max(2, _cells(length) + 1)
     along = np.linspace(0.0, length, count)
     speed = np.minimum(top, np.sqrt(2.0 * slope * (length - along)))
     poses = [start.compose(arc(Twist(float(gear), curvature), s)) for s in along.tolist()]
